@@ -1,0 +1,19 @@
+"""Differentiable solver for the design of serpentine belt drives."""
+
+from beltjax.analysis.reference import ReferenceState as ReferenceState
+from beltjax.analysis.reference import reference_state as reference_state
+from beltjax.analysis.steady import Exact as Exact
+from beltjax.analysis.steady import Linear as Linear
+from beltjax.analysis.steady import Perturbation as Perturbation
+from beltjax.analysis.steady import SteadyState as SteadyState
+from beltjax.analysis.steady import steady_state as steady_state
+from beltjax.drive.components import Belt as Belt
+from beltjax.drive.components import BeltGiven as BeltGiven
+from beltjax.drive.components import Drive as Drive
+from beltjax.drive.components import OperatingPoint as OperatingPoint
+from beltjax.drive.components import Pulley as Pulley
+from beltjax.drive.components import Tensioner as Tensioner
+from beltjax.drive.components import TensionGiven as TensionGiven
+from beltjax.drive.layout import Layout as Layout
+from beltjax.drive.layout import layout as layout
+from beltjax.results import RESULTS as RESULTS

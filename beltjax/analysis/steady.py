@@ -1,0 +1,173 @@
+"""Steady state of a running drive and its belt-pulley coupling (chapter 3)."""
+
+import abc
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from beltjax.analysis.reference import ReferenceState, reference_state
+from beltjax.drive.components import Drive, OperatingPoint
+from beltjax.drive.groups import Groups, Scales, groups_and_scales
+from beltjax.physics import steady as physics
+from beltjax.results import RESULTS, first_failure, raise_unless_successful, succeeded
+
+
+class AbstractSteadyMethod(eqx.Module):
+    """A way to find the steady state and to describe the spans' shapes."""
+
+    @abc.abstractmethod
+    def solve(self, model: physics.SteadyModel) -> physics.SteadySolution:
+        """Common tension and arm rotation."""
+
+    @abc.abstractmethod
+    def coupling(self, model: physics.SteadyModel, Q: Array) -> Float[Array, " spans"]:
+        """Gamma_i of the shapes that belong to the effective tensions `Q`."""
+
+    @abc.abstractmethod
+    def deflection(self, model: physics.SteadyModel, solved, i, x: Array) -> Array:
+        """w_i(x), both over the span's own length."""
+
+
+class Exact(AbstractSteadyMethod):
+    """The nonlinear model, one scalar equation in closed form (MODEL.md, section 2)."""
+
+    def solve(self, model):
+        """(3.41) with (3.42) and (3.43) solved for given T."""
+        return physics.exact(model)
+
+    def coupling(self, model, Q):
+        """Closed form."""
+        return physics.coupling(model, Q)
+
+    def deflection(self, model, solved, i, x):
+        """Closed form."""
+        return physics.deflection(model, solved.th, solved.Q, i, x)
+
+
+class Perturbation(AbstractSteadyMethod):
+    """Leading order for small bending stiffness, (3.60)-(3.92): string and boundary layers."""
+
+    def solve(self, model):
+        """T0 and th0 of the string."""
+        return physics.string(model)
+
+    def coupling(self, model, Q):
+        """Leading order in eps."""
+        return physics.leading_coupling(model, Q)
+
+    def deflection(self, model, solved, i, x):
+        """Composite expansion."""
+        return physics.leading_deflection(model, solved.th, solved.Q, i, x)
+
+
+class Linear(Exact):
+    """The linearized model (3.57)-(3.59), for comparison: it is not good enough for design."""
+
+    def solve(self, model):
+        """Two linear equations."""
+        return physics.linear(model)
+
+
+class SteadyState(eqx.Module):
+    """Steady shape and tensions of a running drive.
+
+    `tension_change` is in P0, the tension at rest without torques (`reference.base_tension`).
+    """
+
+    coupling: Float[Array, " spans"]  # Gamma_i
+    tension_change: Float[Array, ""]  # T, gained by every span, over P0
+    arm_rotation: Float[Array, ""]  # theta_t from the reference state [rad], counterclockwise
+    running_tensions: Float[Array, " spans"]  # P_i + T P0 [N]
+    effective_tensions: Float[Array, " spans"]  # Q_i = P_i - s^2 + T, over P0
+    effectiveness: Float[Array, ""]  # eta of the string at rest (3.95); 0 without a tensioner
+    groups: Groups
+    scales: Scales
+    reference: ReferenceState
+    error: Float[Array, ""]  # residual of (3.41), in mean span lengths
+    result: RESULTS
+    stats: dict[str, Array]
+    method: AbstractSteadyMethod
+
+    def deflection(self, i: int, x: Array) -> Array:
+        """Deflection of span i at `x`, positive towards the inside of the loop.
+
+        Both are fractions of the span's own length: x runs from 0 at the span's first listed
+        pulley to 1 at its second. Multiply by `reference.layout.span_lengths[i]` for meters.
+        """
+        solved = physics.SteadySolution(
+            self.tension_change,
+            self.arm_rotation,
+            self.effective_tensions,
+            jnp.array(False),
+            jnp.array(True),
+            self.error,
+            jnp.array(0),
+        )
+        return self.method.deflection(steady_model(self.groups), solved, i, jnp.asarray(x))
+
+
+@eqx.filter_jit
+def steady_state(
+    drive: Drive,
+    point: OperatingPoint,
+    method: AbstractSteadyMethod | None = None,
+    *,
+    throw: bool = True,
+) -> SteadyState:
+    """Steady shape and tensions of a running drive with bending-stiff belt spans.
+
+    Small slopes, belt speed uniform, no creep on the pulleys. Kong (2003), eqs. (3.41)-(3.43)
+    for any number of pulleys; `method` is `Exact()` unless given.
+
+    Fails with the results of `reference_state`, or `span_slack` when the running belt cannot
+    keep every span tight. With `throw=False` read `.result`: a failed lane of a batch holds
+    finite placeholders with zero derivatives, and leaves its neighbors alone.
+    """
+    method = Exact() if method is None else method
+    reference = reference_state(drive, point, throw=False)
+    groups, scales = groups_and_scales(
+        drive, reference.layout, reference.tensions, reference.base_tension, point.speed(drive)
+    )
+    model = steady_model(groups)
+    solved = method.solve(model)
+    result = first_failure(
+        (~succeeded(reference.result), reference.result),
+        (solved.slack, RESULTS.span_slack),
+        (~solved.converged, RESULTS.nonlinear_max_steps_reached),
+    )
+    good = succeeded(result)
+    steady = SteadyState(
+        coupling=jnp.where(good, method.coupling(model, solved.Q), 0.0),
+        tension_change=jnp.where(good, solved.T, 0.0),
+        arm_rotation=jnp.where(good, solved.th, 0.0),
+        running_tensions=reference.tensions + jnp.where(good, solved.T, 0.0) * scales.tension,
+        effective_tensions=jnp.where(good, solved.Q, 1.0),
+        effectiveness=jnp.where(good, physics.effectiveness(model), 0.0),
+        groups=groups,
+        scales=scales,
+        reference=reference,
+        error=solved.residual,
+        result=result,
+        stats={"steps": solved.steps, "reference_steps": reference.stats["steps"]},
+        method=method,
+    )
+    return raise_unless_successful(steady, result, throw)
+
+
+def steady_model(groups: Groups) -> physics.SteadyModel:
+    """The groups in the letters of the source."""
+    return physics.SteadyModel(
+        eps=groups.bending,
+        s=groups.speed,
+        gam=groups.stretch,
+        k_s=groups.spring,
+        P=groups.tensions,
+        lam=groups.span_ratios,
+        kap_s=groups.curvature_start,
+        kap_e=groups.curvature_end,
+        a=groups.arm_slope,
+        w_start=groups.arm_lift,
+        D=groups.arm_take_up,
+        rho=groups.arm_ratio,
+    )

@@ -1,0 +1,1 @@
+"""Dimensionless models, one file each, in the letters of the source."""

@@ -1,0 +1,94 @@
+"""How a computation ended, and what to try when it did not end well.
+
+The members extend optimistix's, so that a result of ours compares with a result of theirs.
+Each text says what happened and names the remedy; it is what `throw=True` raises.
+"""
+
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import optimistix as optx
+from jaxtyping import Array, Bool
+
+Value = TypeVar("Value")
+
+if TYPE_CHECKING:
+    # An Equinox enumeration is made by its metaclass; to a type checker its members are
+    # plain attributes, which is how they are used.
+    class RESULTS:
+        """How a computation ended."""
+
+        def __class_getitem__(cls, item: Any) -> str: ...
+        def __eq__(self, other: object) -> Any: ...
+        def __ne__(self, other: object) -> Any: ...
+        def error_if(self, value: Value, pred: Any) -> Value: ...
+        @classmethod
+        def where(cls, pred: Any, a: Any, b: Any) -> "RESULTS": ...
+
+        successful: "RESULTS"
+        nonlinear_max_steps_reached: "RESULTS"
+        no_tangent: "RESULTS"
+        contact_lost: "RESULTS"
+        path_not_simple: "RESULTS"
+        belt_does_not_fit: "RESULTS"
+        belt_too_long: "RESULTS"
+        belt_too_short: "RESULTS"
+        arm_at_stop: "RESULTS"
+        span_slack: "RESULTS"
+
+else:
+
+    class RESULTS(optx.RESULTS):
+        """How a computation ended."""
+
+        no_tangent = (
+            "Two neighboring pulleys have no common tangent: they lie inside each other, or "
+            "overlap where the belt crosses between them. Move them apart or shrink them."
+        )
+        contact_lost = (
+            "The belt does not touch one of its pulleys: a wrap angle is zero or negative. "
+            "`layout.wraps` shows which. Move that pulley into the belt, or change its face."
+        )
+        path_not_simple = (
+            "The pulleys do not give a closed path that goes round once. Check the order of "
+            "the pulleys, the sense in which they are listed, and their faces."
+        )
+        belt_does_not_fit = (
+            "No arm angle and tension hold this belt on this layout. Check belt_length and "
+            "free_angle, or lower the torques or raise the tension that they move."
+        )
+        belt_too_long = (
+            "The belt is too long for this layout: it hangs slack at rest. Shorten belt_length "
+            "or turn free_angle so that the tensioner takes up more belt."
+        )
+        belt_too_short = (
+            "The belt is too short for this layout: it would be stretched by more than a tenth. "
+            "Lengthen belt_length or move the pulleys closer together."
+        )
+        arm_at_stop = (
+            "The tensioner's arm would pass one of its stops. Widen tensioner.stops, or change "
+            "the belt length, the tension or the torques."
+        )
+        span_slack = (
+            "A span has lost its tension. Raise the pretension or lower the belt speed or the "
+            "torques; `reference.tensions` shows the spans' tensions at rest."
+        )
+
+
+def first_failure(*checks: tuple[Bool[Array, ""], RESULTS]) -> RESULTS:
+    """The result of the first check, in the order given, whose flag says that it failed."""
+    result = RESULTS.successful
+    for failed, why in reversed(checks):
+        result = RESULTS.where(failed, why, result)
+    return result
+
+
+def raise_unless_successful(value: Value, result: RESULTS, throw: bool) -> Value:
+    """`value`, which raises with the text of `result` if that is a failure and `throw` is set."""
+    if not throw:
+        return value
+    return result.error_if(value, result != RESULTS.successful)
+
+
+def succeeded(result: RESULTS) -> Bool[Array, ""]:
+    """Whether `result` is a success, as an array."""
+    return result == RESULTS.successful

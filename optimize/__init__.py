@@ -1,0 +1,1 @@
+"""Design variables, objectives, constraints and optimizers; installed as `beltjax.optimize`."""
