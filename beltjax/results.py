@@ -34,6 +34,10 @@ if TYPE_CHECKING:
         belt_too_short: "RESULTS"
         arm_at_stop: "RESULTS"
         span_slack: "RESULTS"
+        equations_nonfinite: "RESULTS"
+        mesh_exhausted: "RESULTS"
+        newton_failed: "RESULTS"
+        singular_system: "RESULTS"
 
 else:
 
@@ -71,6 +75,24 @@ else:
         span_slack = (
             "A span has lost its tension. Raise the pretension or lower the belt speed or the "
             "torques; `reference.tensions` shows the spans' tensions at rest."
+        )
+        equations_nonfinite = (
+            "The equations gave inf or nan where the search began. Check the guess and the "
+            "arguments for values outside the equations' domain."
+        )
+        mesh_exhausted = (
+            "The estimated error is above the tolerance on the finest mesh allowed; the best "
+            "solution found and its `error` are returned. Raise nodes or max_nodes, loosen tol, "
+            "or reach a thin layer by continuation from a thicker one (`continue_bvp`)."
+        )
+        newton_failed = (
+            "Newton's method did not converge to a solution of the boundary value problem. "
+            "Give a closer guess, or follow the solution from an easier problem "
+            "(`continue_bvp`). There may also be no solution."
+        )
+        singular_system = (
+            "The linearized boundary value problem is singular: a condition is missing or "
+            "repeated, the data sit on an eigenvalue, or at a fold (`follow_branch` passes folds)."
         )
 
 

@@ -1,0 +1,185 @@
+"""Two-point boundary value problems by collocation: jits, batches, adapts, differentiates."""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from beltjax.numerics.bvp_checks import (
+    as_double,
+    check_sizes,
+    checked_guess,
+    checked_interval,
+    checked_parameters,
+    checked_problem,
+    first_start,
+    is_traced,
+)
+from beltjax.numerics.bvp_collocation import Problem, Unknowns, interpolate
+from beltjax.numerics.bvp_gauss import gauss
+from beltjax.numerics.bvp_solve import (
+    SINGULAR,
+    Evidence,
+    condition,
+    search,
+    usable,
+    with_derivative,
+)
+from beltjax.results import RESULTS, first_failure, raise_unless_successful
+
+FIRST_NODES = 32  # where growing begins
+FIXED_NODES = 64  # under a transformation, where the number cannot depend on the numbers
+
+
+class BVPSolution(eqx.Module):
+    """A solution and how far it can be trusted.
+
+    Calling it evaluates the collocation polynomial itself: `solution(x)` is y [n] for one x
+    and [n, m] for x [m], differentiable with respect to x and to whatever the problem depended on.
+    """
+
+    x: Float[Array, " nodes"]
+    y: Float[Array, "n nodes"]
+    parameters: Float[Array, " k"]
+    error: Float[Array, ""]  # estimated, relative to 1 + max |y_j| (1 + |p_j|), nodes or not
+    defect: Float[Array, ""]  # largest |u' - f(x, u)|/(1 + |u'|) found
+    condition: Float[Array, ""]  # response of y to unit changes of the equations, lower bound
+    result: RESULTS
+    stats: dict[str, Array]  # newton_steps, mesh_sweeps
+    problem: Problem
+    mesh: Float[Array, " nodes"]
+    slopes: Float[Array, "stages n nodes-1"]  # y' at the collocation points
+
+    @property
+    def nodes(self) -> int:
+        """How many nodes the mesh has."""
+        return self.mesh.shape[-1]
+
+    def __call__(self, x: Float[Array, "..."]) -> Array:
+        """y(x): [n] for a number, [n, m] for x [m]."""
+        x = as_double(x)
+        fractions = (x - self.problem.a) / (self.problem.b - self.problem.a)
+        z = Unknowns(self.y, self.slopes, self.parameters)
+        scheme = gauss(self.slopes.shape[0])
+        y, _ = interpolate(self.problem, scheme, self.mesh, z, jnp.atleast_1d(fractions))
+        return y[:, 0] if x.ndim == 0 else y
+
+
+def solve_bvp(
+    rhs: Callable,
+    bc: Callable,
+    interval: tuple,
+    guess: Any,
+    parameters: Any = None,
+    args: Any = None,
+    singular_term: Any = None,
+    *,
+    tol: float = 1e-6,
+    max_nodes: int = 2048,
+    nodes: int | None = None,
+    stages: int = 4,
+    sweeps: int = 8,
+    throw: bool = True,
+) -> BVPSolution:
+    """Solution of y' = rhs(x, y, p, args) + S y/(x - a) with bc(y(a), y(b), p, args) = 0.
+
+    `rhs` takes scalar x, y [n], p [k] and returns [n]; `bc` returns [n + k], and its conditions
+    need not separate. `guess` is (x [m], y [n, m]) or a callable x -> y [n]; where its points
+    crowd, so do the first nodes. `parameters` is the guess for p. `singular_term` is S [n, n].
+
+    Gauss collocation (`stages` points an interval) on a mesh that moves to where the solution
+    needs it, `sweeps` times at most. Called with concrete numbers, the number of nodes doubles
+    from 32 up to `max_nodes` until the *estimated error*, relative to 1 + max |y_j|, is below
+    `tol`; `nodes=64` holds it fixed, as it is (at 64 unless given) under any transformation.
+    With `throw=False` read `.result`: `mesh_exhausted` (best solution returned), `newton_failed`,
+    `singular_system`, `equations_nonfinite`; the last three hold the guess, and zero derivatives.
+
+    Derivatives with respect to `args`, the interval, S and whatever `rhs` and `bc` close over
+    come from the collocation equations with the mesh held, forward and reverse and nested.
+
+    Bratu's problem, y'' = -e^y with y(0) = y(1) = 0, and how its peak moves with a factor:
+
+        >>> def rhs(x, y, p, factor):
+        ...     return jnp.stack([y[1], -factor * jnp.exp(y[0])])
+        >>> def bc(ya, yb, p, factor):
+        ...     return jnp.stack([ya[0], yb[0]])
+        >>> def peak(factor):
+        ...     flat = (jnp.array([0.0, 1.0]), jnp.zeros((2, 2)))
+        ...     return bj.solve_bvp(rhs, bc, (0.0, 1.0), flat, args=factor)(0.5)[0]
+        >>> float(peak(1.0)), float(jax.grad(peak)(1.0))  # 0.140539, 0.159203
+
+    Ascher, Mattheij and Russell (1995), chapters 5, 8 and 9; Wright (1992) for the elimination.
+    """
+    check_sizes(tol, nodes, max_nodes, stages)
+    a, b = checked_interval(interval)
+    p = checked_parameters(parameters)
+    options = {"stages": stages, "sweeps": sweeps}
+    x, y = checked_guess(guess, a, b, points=max(nodes or 0, FIXED_NODES) + 1)
+    n, k = y.shape[0], p.shape[0]
+    checked_problem(rhs, bc, (a, b), args, singular_term, n, k)
+    given = (rhs, bc, (a, b), args, singular_term, as_double(tol))
+
+    if nodes is None and not is_traced(given, x, y, p):
+        solution = _solve(*given, x, y, p, nodes=min(FIRST_NODES, max_nodes), **options)
+        if not is_traced(solution.error):
+            solution = _grow(solution, given, (x, y, p), max_nodes, options)
+            return raise_unless_successful(solution, solution.result, throw)
+    # What rhs closes over may be traced although nothing else is: the result tells.
+    fixed = min(FIXED_NODES, max_nodes) if nodes is None else nodes
+    solution = _solve(*given, x, y, p, nodes=fixed, **options)
+    return raise_unless_successful(solution, solution.result, throw)
+
+
+def _grow(solution: BVPSolution, given, start, max_nodes: int, options) -> BVPSolution:
+    """The solution on 2, 4, 8 ... times the nodes, until its estimated error will do."""
+    best = solution
+    while solution.result != RESULTS.successful and 2 * solution.nodes <= max_nodes:
+        if solution.result == RESULTS.equations_nonfinite:
+            break
+        onwards = solution.result == RESULTS.mesh_exhausted
+        begin = (solution.mesh, solution.y, solution.parameters) if onwards else start
+        solution = _solve(*given, *begin, nodes=2 * solution.nodes, **options)
+        if bool(solution.error < best.error) or not bool(jnp.isfinite(best.error)):
+            best = solution
+    return best
+
+
+@eqx.filter_jit
+def _solve(rhs, bc, ends, args, S, tol, x, y, p, *, nodes: int, stages: int, sweeps: int):
+    problem = checked_problem(rhs, bc, ends, args, S, y.shape[0], p.shape[0])
+    z, evidence = search(problem, first_start(x, y, p, nodes, stages), tol, stages, sweeps)
+    return as_solution(problem, with_derivative(problem, z, evidence), evidence, tol)
+
+
+def as_solution(
+    problem: Problem, z: Unknowns, evidence: Evidence, tol: Float[Array, ""]
+) -> BVPSolution:
+    """What the search found, with the verdict on it."""
+    held = jax.lax.stop_gradient((evidence, z))
+    good = usable(evidence)
+    cond = jnp.where(good, condition(gauss(z.K.shape[0]), *held), jnp.inf)
+    cond = jnp.where(jnp.isfinite(cond), cond, jnp.inf)
+    fine = evidence.error <= tol
+    singular = ~evidence.regular | (good & ~fine & (cond > SINGULAR))
+    result = first_failure(
+        (~evidence.finite, RESULTS.equations_nonfinite),
+        (singular, RESULTS.singular_system),
+        (~evidence.converged, RESULTS.newton_failed),
+        (~fine, RESULTS.mesh_exhausted),
+    )
+    return BVPSolution(
+        x=problem.a + (problem.b - problem.a) * evidence.mesh,
+        y=z.y,
+        parameters=z.p,
+        error=jnp.where(good, evidence.error, jnp.inf),
+        defect=jnp.where(good, evidence.defect, jnp.inf),
+        condition=cond,
+        result=result,
+        stats={"newton_steps": evidence.passes, "mesh_sweeps": evidence.sweeps},
+        problem=problem,
+        mesh=evidence.mesh,
+        slopes=z.K,
+    )

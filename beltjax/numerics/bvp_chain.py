@@ -1,0 +1,153 @@
+"""Linear equations along a chain of nodes: almost block diagonal, with conditions at both ends.
+
+    A_i y_i + B_i y_{i+1} + E_i p = g_i    i = 0 .. N-1        (n equations a link)
+    C_a y_0 + C_b y_N + C_p p = g_c                            (n + k conditions)
+
+Two neighboring links are merged into one by eliminating the node between them: an orthogonal
+transformation of [B_i; A_{i+1}] leaves n equations that hold that node and n that do not. This
+is stable whatever the growth along the chain (Wright, 1992), takes conditions that do not
+separate, and costs O(N). Links are merged in about sqrt(N) groups side by side, then the groups:
+the chain is sequential, but most of the work runs across groups (and across a batch).
+"""
+
+import math
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from beltjax.numerics.bvp_blocks import (
+    identity,
+    inverse,
+    matmul,
+    matvec,
+    orthogonalize,
+    solve_triangle,
+)
+
+
+class Links(NamedTuple):
+    """Equations between neighboring nodes, one link a lane."""
+
+    A: Float[Array, "n n lanes"]
+    B: Float[Array, "n n lanes"]
+    E: Float[Array, "n k lanes"]
+
+
+class Ends(NamedTuple):
+    """Coefficients of the conditions."""
+
+    A: Float[Array, "m n"]
+    B: Float[Array, "m n"]
+    P: Float[Array, "m k"]
+
+
+class Merges(NamedTuple):
+    """What each merge leaves to be applied to right-hand sides; the leading axis is the step."""
+
+    rows: Float[Array, "steps 2n 2n lanes"]  # [top; bottom], of [g_i; g_{i+1}]
+    first: Float[Array, "steps n n lanes"]  # middle node = top g - first y_0 - last y_{i+1} - par p
+    last: Float[Array, "steps n n lanes"]
+    par: Float[Array, "steps n k lanes"]
+
+
+class ChainFactor(NamedTuple):
+    """A factored chain."""
+
+    groups: Merges
+    whole: Merges
+    ends: Float[Array, "m+n m+n 1"]  # inverse of the equations for y_0, y_N and p
+
+
+def group_sizes(links: int) -> tuple[int, int]:
+    """(groups, links a group) whose product is at least `links`."""
+    length = max(1, math.isqrt(links))
+    return -(-links // length), length
+
+
+def factor_chain(links: Links, ends: Ends) -> ChainFactor:
+    """Eliminate every node but the two ends."""
+    n, k, N = links.E.shape
+    groups, length = group_sizes(N)
+
+    def grouped(x, fill):
+        spare = groups * length - N
+        if spare:
+            x = jnp.concatenate([x, jnp.broadcast_to(fill, (*x.shape[:2], spare))], axis=2)
+        return jnp.moveaxis(x.reshape(*x.shape[:2], groups, length), -1, 0)
+
+    # Links that only pass the last node's value on fill the last group.
+    unit = identity(n, links.A[:, :, :1])
+    padding = Links(-unit, unit, jnp.zeros((n, k, 1), unit.dtype))
+    within = Links(*(grouped(x, fill) for x, fill in zip(links, padding, strict=True)))
+    outer, first = _merge(within)
+    across = Links(*(jnp.moveaxis(x, -1, 0)[..., None] for x in outer))
+    outer, second = _merge(across)
+    top = jnp.concatenate([x[..., 0] for x in outer], axis=1)
+    matrix = jnp.concatenate([top, jnp.concatenate(ends, axis=1)])
+    # Conditions come in any units: rows of size one let the pivoting compare them.
+    size = jnp.max(jnp.abs(matrix), axis=1, keepdims=True)
+    size = jnp.where(size > 0, size, 1.0)
+    return ChainFactor(first, second, inverse((matrix / size)[..., None]) / size.T[..., None])
+
+
+def solve_chain(
+    factor: ChainFactor, g: Float[Array, "n N"], conditions: Float[Array, " m"]
+) -> tuple[Float[Array, "n N+1"], Float[Array, " k"]]:
+    """(y, p) of a factored chain."""
+    n, N = g.shape
+    groups, length = group_sizes(N)
+    g = jnp.pad(g, ((0, 0), (0, groups * length - N))).reshape(n, groups, length)
+    g, inner = _forward(factor.groups, jnp.moveaxis(g, -1, 0))
+    g, outer = _forward(factor.whole, jnp.moveaxis(g, -1, 0)[..., None])
+    solved = matvec(factor.ends, jnp.concatenate([g, conditions[:, None]]))
+    y_first, y_last, p = solved[:n], solved[n : 2 * n], solved[2 * n :]
+    joints = _backward(factor.whole, outer, y_first, y_last, p)  # [groups-1, n, 1]
+    joints = jnp.concatenate([y_first[None], joints, y_last[None]])[..., 0].T  # [n, groups+1]
+    middle = _backward(factor.groups, inner, joints[:, :-1], joints[:, 1:], p)
+    y = jnp.concatenate([joints[None, :, :-1], middle])  # [length, n, groups]
+    y = jnp.moveaxis(y, 0, -1).reshape(n, groups * length)
+    return jnp.concatenate([y, joints[:, -1:]], axis=1)[:, : N + 1], p[:, 0]
+
+
+def _merge(links: Links) -> tuple[Links, Merges]:
+    """Merge the links of a sequence (leading axis) into one, lane by lane."""
+    n = links.A.shape[1]
+
+    def step(acc: Links, following: Links):
+        q, r = orthogonalize(jnp.concatenate([acc.B, following.A]))
+        top = solve_triangle(r, q[:n])
+        rows = jnp.concatenate([top, q[n:]])
+        first = matmul(rows[:, :n], acc.A)
+        last = matmul(rows[:, n:], following.B)
+        par = matmul(rows[:, :n], acc.E) + matmul(rows[:, n:], following.E)
+        merged = Links(first[n:], last[n:], par[n:])
+        return merged, Merges(rows, first[:n], last[:n], par[:n])
+
+    start = Links(*(x[0] for x in links))
+    return jax.lax.scan(step, start, Links(*(x[1:] for x in links)))
+
+
+def _forward(merges: Merges, g: Float[Array, "steps+1 n lanes"]):
+    n = g.shape[1]
+
+    def step(acc, given):
+        rows, following = given
+        both = matvec(rows, jnp.concatenate([acc, following]))
+        return both[n:], both[:n]
+
+    return jax.lax.scan(step, g[0], (merges.rows, g[1:]))
+
+
+def _backward(merges: Merges, tops, y_first, y_last, p):
+    known = tops - sum(merges.first[:, :, j] * y_first[j] for j in range(len(y_first)))
+    known = known - sum(merges.par[:, :, j] * p[j] for j in range(len(p)))
+
+    def step(y_next, given):
+        last, known = given
+        y = known - matvec(last, y_next)
+        return y, y
+
+    _, middle = jax.lax.scan(step, y_last, (merges.last, known), reverse=True)
+    return middle

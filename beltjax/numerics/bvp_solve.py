@@ -1,0 +1,249 @@
+"""A two-point problem on a fixed number of nodes: solve, judge, move the mesh, solve again.
+
+Everything here runs under `jit` and `vmap`. The derivative is taken at the converged equations,
+with the mesh held, and never sees the iterations.
+"""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Bool, Float, Int
+
+from beltjax.numerics.bvp_collocation import (
+    Factor,
+    Mesh,
+    Problem,
+    Residual,
+    Unknowns,
+    factored,
+    remesh,
+    residual,
+    solve_factored,
+    stage_values,
+    transfer,
+)
+from beltjax.numerics.bvp_gauss import Gauss, gauss
+from beltjax.numerics.bvp_mesh import moved_mesh, scale_of
+from beltjax.numerics.bvp_newton import newton
+
+SETTLED = 0.05  # a mesh whose nodes would move by less than this share of an interval stays
+SINGULAR = 1e12  # condition estimate beyond which double precision leaves nothing to judge by
+
+
+class Evidence(NamedTuple):
+    """What was found out about a solution on the way."""
+
+    mesh: Mesh
+    factor: Factor
+    error: Float[Array, ""]
+    defect: Float[Array, ""]
+    converged: Bool[Array, ""]
+    finite: Bool[Array, ""]
+    regular: Bool[Array, ""]
+    passes: Int[Array, ""]
+    sweeps: Int[Array, ""]
+
+
+class Start(NamedTuple):
+    """Where the search begins."""
+
+    mesh: Mesh
+    z: Unknowns
+
+
+def usable(evidence: Evidence) -> Bool[Array, ""]:
+    """Whether the collocation equations were solved, to whatever accuracy."""
+    return evidence.converged & evidence.finite & evidence.regular
+
+
+def estimate_error(
+    problem: Problem, scheme: Gauss, mesh: Mesh, z: Unknowns
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """(error, defect) of a solution: its distance from one with a stage more, to first order.
+
+    One Newton step on the equations with s + 1 stages, on the same mesh. Where the mesh resolves
+    the solution this is the error itself; where it does not the two differ widely, because
+    their responses to what they do not resolve have opposite signs. Relative to 1 + max |y_j|
+    at nodes and collocation points, and to 1 + |p_j|.
+    """
+    finer = gauss(scheme.stages + 1)
+    moved = transfer(problem, scheme, mesh, z, finer)
+    left, factor = factored(problem, finer, mesh, moved)
+    d = solve_factored(factor, finer, left)
+    scale = scale_of(z.y)
+    inside = jnp.max(jnp.abs(stage_values(problem, finer, mesh, d)) / scale)
+    parts = [jnp.max(jnp.abs(d.y) / scale), inside]
+    parts.append(jnp.max(jnp.abs(d.p) / (1.0 + jnp.abs(z.p)), initial=0.0))
+    defect = jnp.max(jnp.abs(left.stages) / (1.0 + jnp.abs(moved.K)))
+    error = jnp.max(jnp.stack(parts))
+    return jnp.where(jnp.isfinite(error), error, jnp.inf), defect
+
+
+def condition(scheme: Gauss, evidence: Evidence, z: Unknowns) -> Float[Array, ""]:
+    """Largest response found of y/(1 + max |y|) and p to a unit change of the equations.
+
+    Probed with each condition in turn and with a unit change of each component of y',
+    constant and alternating: a lower bound of the norm of the inverse.
+    """
+    s, n, N = z.K.shape
+    k = z.p.shape[0]
+    m = n + k
+    signs = jnp.where(jnp.arange(N) % 2 == 0, 1.0, -1.0)
+    shapes = jnp.stack([jnp.ones(N), signs])
+    zeros = Residual(jnp.zeros((s, n, N)), jnp.zeros((n, N)), jnp.zeros(m))
+
+    def response(probe):
+        of_condition = jnp.where(jnp.arange(m) == probe, 1.0, 0.0)
+        j = probe - m
+        of_slope = jnp.where(jnp.arange(n) == j // 2, 1.0, 0.0)[:, None] * shapes[j % 2]
+        stages = jnp.where(probe < m, zeros.stages, jnp.broadcast_to(of_slope, (s, n, N)))
+        d = solve_factored(evidence.factor, scheme, Residual(stages, zeros.joints, of_condition))
+        largest = jnp.max(jnp.abs(d.y) / scale_of(z.y))
+        return jnp.maximum(largest, jnp.max(jnp.abs(d.p) / (1.0 + jnp.abs(z.p)), initial=0.0))
+
+    return jnp.max(jax.lax.map(response, jnp.arange(m + 2 * n)))
+
+
+class _Sweep(NamedTuple):
+    z: Unknowns  # of the last solve, on the last mesh
+    mesh: Mesh
+    best: tuple[Unknowns, Evidence]
+    done: Bool[Array, ""]
+
+
+def search(
+    problem: Problem, start: Start, tol: Float[Array, ""], stages: int, sweeps: int
+) -> tuple[Unknowns, Evidence]:
+    """Solution on as many nodes as `start` has, on the mesh that `sweeps` moves find best.
+
+    Carries no derivative: see `with_derivative`.
+    """
+    problem, start, tol = _held((problem, start, tol))
+    scheme = gauss(stages)
+
+    def body(state: _Sweep) -> _Sweep:
+        z0, best = state.best
+        first = best.sweeps == 0
+        proposed = moved_mesh(problem, scheme, state.mesh, state.z)
+        shift = jnp.max(jnp.abs(proposed - state.mesh)[1:] / jnp.diff(state.mesh))
+        settled = (shift < SETTLED) & ~first
+        mesh = jnp.where(first | settled, state.mesh, proposed)
+        guess = remesh(problem, scheme, state.mesh, state.z, mesh)
+        guess = jax.tree.map(lambda a, b: jnp.where(first, a, b), state.z, guess)
+        root = newton(problem, scheme, mesh, guess, tol=_newton_tol(tol), skip=settled)
+        error, defect = estimate_error(problem, scheme, mesh, root.z)
+        found = Evidence(
+            mesh,
+            root.factor,
+            error,
+            defect,
+            root.converged,
+            root.finite,
+            root.regular,
+            root.passes,
+            best.sweeps,
+        )
+        better = ~settled & (first | (root.converged & (error < best.error)))
+        new_z, new = jax.tree.map(
+            lambda a, b: jnp.where(better, a, b), (root.z, found), (z0, best)
+        )
+        counted = new._replace(passes=best.passes + root.passes, sweeps=best.sweeps + 1)
+        done = settled | ~root.converged | (error <= tol)
+        return _Sweep(root.z, mesh, (new_z, counted), done)
+
+    def unfinished(state: _Sweep):
+        return ~state.done & (state.best[1].sweeps < sweeps)
+
+    shapes = jax.eval_shape(lambda z: factored(problem, scheme, start.mesh, z)[1], start.z)
+    nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
+    inf, no, zero = jnp.array(jnp.inf), jnp.array(False), jnp.zeros((), int)
+    evidence = Evidence(start.mesh, nothing, inf, inf, no, no, no, zero, zero)
+    state = _Sweep(start.z, start.mesh, (start.z, evidence), no)
+    z, evidence = jax.lax.while_loop(unfinished, body, state).best
+    good = usable(evidence)
+    # A lane that failed holds its guess, and nothing that could turn a zero cotangent into nan.
+    harmless = Start(start.mesh, jax.tree.map(jnp.nan_to_num, start.z))
+    z = jax.tree.map(lambda a, b: jnp.where(good, a, b), z, harmless.z)
+    mesh = jnp.where(good, evidence.mesh, harmless.mesh)
+    factor = jax.tree.map(lambda a: jnp.where(good, a, 0.0), evidence.factor)
+    return z, evidence._replace(mesh=mesh, factor=factor)
+
+
+def _held(tree):
+    arrays, rest = eqx.partition(tree, eqx.is_array)
+    return eqx.combine(jax.lax.stop_gradient(arrays), rest)
+
+
+def _newton_tol(tol):
+    # Two orders below what is asked for, and the last step is taken whole: the equations are
+    # solved far better than the mesh resolves the solution.
+    return jnp.clip(1e-3 * tol, 1e-12, 1e-8)
+
+
+@eqx.filter_custom_jvp
+def with_derivative(problem: Problem, z: Unknowns, evidence: Evidence) -> Unknowns:
+    """`z`, a solution found by any means, as a differentiable function of `problem`."""
+    return z
+
+
+@with_derivative.def_jvp
+def _with_derivative_jvp(primals, tangents):
+    problem, z, evidence = primals
+    t_problem, _, _ = tangents
+    # Through itself, so that the solution in the equations below has derivatives in its turn.
+    z = with_derivative(problem, z, evidence)
+    scheme = gauss(z.K.shape[0])
+    good = usable(evidence)
+    moving, held = _split(problem, t_problem, good)
+
+    def left(moving, z):
+        return residual(eqx.combine(moving, held), scheme, evidence.mesh, z)
+
+    def linear(d):
+        return jax.jvp(lambda z: left(moving, z), (z,), (d,))[1]
+
+    _, change = jax.jvp(lambda m: left(m, z), (moving,), (t_problem,))
+    dz = _implicit_step(linear, evidence.factor, scheme, jax.tree.map(jnp.negative, change), z)
+    return z, jax.tree.map(lambda d: jnp.where(good, d, 0.0), dz)
+
+
+def _split(problem: Problem, t_problem: Any, good: Bool[Array, ""]) -> tuple[Any, Any]:
+    moves = jax.tree.map(lambda t: t is not None, t_problem, is_leaf=lambda t: t is None)
+    moving, held = eqx.partition(problem, moves)
+    # In a lane that failed no derivative passes, in either direction: not even 0 times nan.
+    barred = jax.tree.map(lambda a: jnp.where(good, a, jax.lax.stop_gradient(a)), moving)
+    return barred, held
+
+
+def _implicit_step(linear, factor: Factor, scheme: Gauss, right: Residual, z: Unknowns):
+    """J^-1 right with the factors at hand, differentiable through J alone."""
+    flat_right, as_right = ravel_pytree(right)
+    _, as_unknowns = ravel_pytree(z)
+
+    def ravel(tree):
+        return ravel_pytree(tree)[0]
+
+    def quick(b):
+        return ravel(solve_factored(factor, scheme, as_right(b)))
+
+    def refined(solve):
+        # The factors belong to the iterate before the last; one correction makes up for that.
+        def both(matvec, b):
+            x = solve(b)
+            return x + solve(b - matvec(x))
+
+        return both
+
+    def quick_transposed(c):
+        return jax.linear_transpose(quick, flat_right)(c)[0]
+
+    x = jax.lax.custom_linear_solve(
+        lambda d: ravel(linear(as_unknowns(d))),
+        flat_right,
+        refined(quick),
+        refined(quick_transposed),
+    )
+    return as_unknowns(x)
