@@ -133,7 +133,7 @@ class _Point(NamedTuple):
     tangent: Unknowns
     origin: Float[Array, " 2n+k"]
     direction: Float[Array, " 2n+k"]
-    step: Float[Array, ""]
+    step: Float[Array, ""]  # signed
     arclength: Float[Array, ""]
     first: Bool[Array, ""]
 
@@ -203,6 +203,8 @@ def _follow(rhs, bc, ends, args, tol, x, y, p, step, *, points, nodes, stages, s
         lambda x, y, p, along: rhs(x, y, p, along.args), closed, ends, along, None, n, k
     )
 
+    statics = []
+
     def advance(point: _Point, _):
         distance = jnp.where(point.first, 0.0, point.step)
         along = _Along(args, point.direction, point.origin, distance)
@@ -213,16 +215,14 @@ def _follow(rhs, bc, ends, args, tol, x, y, p, step, *, points, nodes, stages, s
         reached = _reached(point, z, evidence, distance, step, stages)
         kept = point._replace(step=0.5 * point.step)
         point = jax.tree.map(lambda a, b: jnp.where(good, a, b), reached, kept)
-        solution = as_solution(here, jax.tree.map(
-            lambda a, b: jnp.where(good, a, b), z, point.start.z), evidence, tol)
-        dynamic, _ = eqx.partition(solution, eqx.is_array)
-        slope = point.direction[-1] / jnp.linalg.norm(point.direction)
-        return point, (dynamic, slope, point.arclength, good)
+        held = jax.tree.map(lambda a, b: jnp.where(good, a, b), z, point.start.z)
+        arrays, static = eqx.partition(as_solution(here, held, evidence, tol), eqx.is_array)
+        statics.append(static)  # the same at every step: functions and sizes
+        return point, (arrays, point.direction[-1], point.arclength, good)
 
-    _, (solutions, slope, arclength, solved) = jax.lax.scan(advance, first, None, length=points)
-    shape = jax.eval_shape(lambda: None)
-    del shape
-    return solutions, slope, arclength, solved
+    _, (arrays, slope, arclength, solved) = jax.lax.scan(advance, first, None, length=points)
+    solutions = eqx.combine(arrays, statics[0])
+    return Branch(solutions, solutions.parameters, slope, arclength, solved)
 
 
 def _reached(point: _Point, z: Unknowns, evidence: Evidence, distance, step, stages) -> _Point:
