@@ -1,5 +1,6 @@
 """Differentiable solver for the design of serpentine belt drives."""
 
+from beltjax.analysis.collocation import Collocation as Collocation
 from beltjax.analysis.reference import ReferenceState as ReferenceState
 from beltjax.analysis.reference import reference_state as reference_state
 from beltjax.analysis.steady import Exact as Exact
@@ -16,4 +17,9 @@ from beltjax.drive.components import Tensioner as Tensioner
 from beltjax.drive.components import TensionGiven as TensionGiven
 from beltjax.drive.layout import Layout as Layout
 from beltjax.drive.layout import layout as layout
+from beltjax.numerics.bvp import BVPSolution as BVPSolution
+from beltjax.numerics.bvp import solve_bvp as solve_bvp
+from beltjax.numerics.bvp_continuation import Branch as Branch
+from beltjax.numerics.bvp_continuation import continue_bvp as continue_bvp
+from beltjax.numerics.bvp_continuation import follow_branch as follow_branch
 from beltjax.results import RESULTS as RESULTS

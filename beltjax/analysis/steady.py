@@ -135,6 +135,7 @@ def steady_state(
         (~succeeded(reference.result), reference.result),
         (solved.slack, RESULTS.span_slack),
         (~solved.converged, RESULTS.nonlinear_max_steps_reached),
+        (jnp.asarray(solved.unresolved), RESULTS.mesh_exhausted),
     )
     good = succeeded(result)
     steady = SteadyState(

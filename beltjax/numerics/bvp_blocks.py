@@ -38,10 +38,11 @@ def identity(n: int, like: Blocks) -> Blocks:
     return jnp.broadcast_to(eye, (n, n, *like.shape[2:]))
 
 
+@jax.custom_jvp
 def inverse(a: Blocks) -> Blocks:
     """The inverse by Gauss-Jordan exchange with row pivoting; a singular block gives inf or nan.
 
-    Rows stay where they are: each lane remembers which row each step used, and one permutation
+    Differentiated as an inverse, not through the elimination. Rows stay where they are: each lane remembers which row each step used, and one permutation
     at the end puts them in order.
     """
     m = a.shape[0]
@@ -68,6 +69,13 @@ def inverse(a: Blocks) -> Blocks:
     a = jnp.take_along_axis(a, pivots[:, None], axis=0)
     order = jnp.argsort(pivots, axis=0)
     return jnp.take_along_axis(a, order[None], axis=1)
+
+
+@inverse.defjvp
+def _inverse_jvp(primals, tangents):
+    (a,), (da,) = primals, tangents
+    result = inverse(a)
+    return result, -matmul(matmul(result, da), result)
 
 
 class Orthogonal(NamedTuple):

@@ -52,6 +52,7 @@ class SteadySolution(NamedTuple):
     converged: Bool[Array, ""]
     residual: Scalar  # of (3.41)
     steps: Int[Array, ""]
+    unresolved: Bool[Array, ""] | bool = False  # by a mesh, where there is one
 
 
 def arm_rotation(model: SteadyModel, T: Scalar) -> Scalar:
@@ -83,9 +84,9 @@ def exact(model: SteadyModel) -> SteadySolution:
     # Not at Q = 0 itself, where a string (eps = 0) has no shape.
     floor = lowest + 1e-12 * (1.0 + jnp.abs(lowest))
     slack = jax.lax.stop_gradient(belt_length_residual(model, floor)) >= 0
-    safe = _without_load(model, slack)
+    safe = without_load(model, slack)
     floor = jnp.where(slack, -0.5, floor)
-    guess = jnp.maximum(_string_guess(safe), floor + 0.05)
+    guess = jnp.maximum(string_guess(safe), floor + 0.05)
     root = increasing_root(lambda T: belt_length_residual(safe, T), floor, guess)
     T = root.value
     return SteadySolution(
@@ -110,7 +111,7 @@ def linear(model: SteadyModel) -> SteadySolution:
     Printed in the source to show that it is not good enough, and here for the same purpose.
     """
     slack = jnp.min(model.P) <= model.s**2
-    m = _without_load(model, slack)
+    m = without_load(model, slack)
     Q = m.P - m.s**2
     ends = (m.kap_e - m.kap_s) * (m.eps / m.lam) ** 2
     weight = m.lam / m.rho
@@ -157,12 +158,12 @@ def leading_deflection(model: SteadyModel, th: Scalar, Q: Spans, i, x: Array) ->
     return (model.w_start[i] + model.a[i] * x) * th + u**2 * layer
 
 
-def _string_guess(model: SteadyModel) -> Scalar:
+def string_guess(model: SteadyModel) -> Scalar:
     """T of a string whose arm moves as fast as it does at rest: eta s^2."""
     return jax.lax.stop_gradient(effectiveness(model) * model.s**2)
 
 
-def _without_load(model: SteadyModel, where: Bool[Array, ""]) -> SteadyModel:
+def without_load(model: SteadyModel, where: Bool[Array, ""]) -> SteadyModel:
     """`model`, with nothing bending or moving the belt `where` that flag is set.
 
     Its steady state is T = th = 0, whose values and derivatives are finite: a placeholder

@@ -1,0 +1,44 @@
+"""The steady state by collocation: a route to it that uses no closed form."""
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from beltjax.analysis.steady import AbstractSteadyMethod
+from beltjax.numerics.bvp_gauss import MOST_STAGES, gauss
+from beltjax.physics import steady as physics
+from beltjax.physics import steady_collocation as collocation
+
+
+class Collocation(AbstractSteadyMethod):
+    """The nonlinear model by Gauss collocation on each span, (3.48)-(3.55) for n pulleys.
+
+    `intervals` a span, dense in the ends' layers: the default resolves eps from 0.001 to 0.3.
+    `tol` is the estimated error allowed in (3.41), in mean span lengths; above it the result is
+    `RESULTS.mesh_exhausted`. The mesh is held under differentiation.
+    """
+
+    intervals: int = eqx.field(static=True, default=32)
+    stages: int = eqx.field(static=True, default=4)
+    tol: float = eqx.field(static=True, default=1e-9)
+
+    def __check_init__(self):
+        if self.intervals < 4:
+            raise ValueError(f"Collocation: intervals must be at least 4, not {self.intervals}.")
+        if not 2 <= self.stages < MOST_STAGES:
+            raise ValueError(
+                f"Collocation: stages must be from 2 to {MOST_STAGES - 1}, not {self.stages}."
+            )
+
+    def solve(self, model: physics.SteadyModel) -> physics.SteadySolution:
+        """All spans at once; T and th by Newton's method on the two equations that join them."""
+        scheme, finer = gauss(self.stages), gauss(self.stages + 1)
+        return collocation.collocated(model, scheme, finer, self.intervals, self.tol)
+
+    def coupling(self, model: physics.SteadyModel, Q: Array) -> Float[Array, " spans"]:
+        """By the Gauss formula."""
+        return collocation.coupling(model, Q, gauss(self.stages), self.intervals)
+
+    def deflection(self, model: physics.SteadyModel, solved, i, x: Array) -> Array:
+        """The collocation polynomial."""
+        scheme = gauss(self.stages)
+        return collocation.deflection(model, solved.th, solved.Q, i, x, scheme, self.intervals)

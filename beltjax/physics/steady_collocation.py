@@ -1,0 +1,235 @@
+"""The steady state by Gauss collocation of the spans' equations, in the letters of chapter 3.
+
+The standard form (3.48)-(3.55) for n pulleys. Each span, on its own unit interval, has
+
+    w' = v,   v' = m,   e m' = mu,   e mu' = Q m,   I' = v^2/2,     e = eps/lam, Q = P - s^2 + T
+    m(0) = kap_s,   m(1) = kap_e,   w(1) - w(0) = a th
+
+(mu is w''' scaled by e, so that no state grows in the ends' layers), and the spans meet only in
+T and th, by the belt's length (3.41) and the arm's moments (3.43). For given T all of it is
+linear but I, and triangular: (m, mu) is a two-point problem, and v, w and I follow by the same
+Gauss formula as quadratures. The collocation equations are those of the whole system; this is
+their elimination, span by span, so that the cost is linear in the number of spans.
+
+No closed form enters: that is what makes it a check on `physics.steady`.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from beltjax.numerics.bvp_blocks import identity, inverse, matvec, mix
+from beltjax.numerics.bvp_chain import Ends, Links, factor_chain, solve_chain
+from beltjax.numerics.bvp_gauss import Gauss
+from beltjax.numerics.roots import increasing_root
+from beltjax.physics.steady import SteadyModel, SteadySolution, string_guess, without_load
+
+Scalar = Float[Array, ""]
+Spans = Float[Array, " spans"]
+Mesh = Float[Array, "spans N+1"]
+
+FLOOR = 0.25  # nodes outside the ends' layers, over those in them
+_MESH_STEPS = 8  # of Newton's method for the nodes, which need not be exact
+
+
+class Shapes(NamedTuple):
+    """Spans of an arm that has not moved; arrays of nodes are [spans, N+1], of stages [s, spans, N].
+
+    A moved arm adds a th to v.
+    """
+
+    m: Float[Array, "spans N+1"]
+    mu: Float[Array, "spans N+1"]
+    v: Float[Array, "spans N+1"]
+    w: Float[Array, "spans N+1"]  # from the line between the ends of the moved span
+    m_stages: Float[Array, "s spans N"]
+    v_stages: Float[Array, "s spans N"]
+    h: Float[Array, "spans N"]
+
+
+def layer_mesh(u: Spans, intervals: int, stages: int) -> Mesh:
+    """Nodes for layers e^{-x/u} at both ends, as dense as |layer^(s+1)|^(1/(s+1)) over a floor.
+
+    In the layer's variable t = x/((s+1) u) a node's share is a t + 1 - e^{-t}, a concave function:
+    Newton's method climbs to its inverse from below.
+    """
+    half = (intervals + 1) // 2
+    middle = 0.5 / ((stages + 1) * u)[:, None]
+    a = FLOOR / middle
+    share = (FLOOR + 1.0 - jnp.exp(-middle)) * jnp.arange(half + 1) * (2.0 / intervals)
+    t = jnp.maximum(share / (a + 1.0), (share - 1.0) / a)
+    for _ in range(_MESH_STEPS):
+        decay = jnp.exp(-t)
+        t = t + (share - a * t - (1.0 - decay)) / (a + decay)
+    left = jnp.clip(0.5 * t / middle, 0.0, 0.5)
+    left = left[:, : intervals // 2 + 1]
+    if intervals % 2 == 0:
+        left = left.at[:, -1].set(0.5)
+        return jnp.concatenate([left, 1.0 - left[:, -2::-1]], axis=1)
+    return jnp.concatenate([left, 1.0 - left[:, ::-1]], axis=1)
+
+
+def mesh_for(model: SteadyModel, Q: Spans, intervals: int, stages: int) -> Mesh:
+    """A mesh, without derivatives, for spans under about these effective tensions."""
+    e, Q = model.eps / model.lam, jnp.maximum(Q, 1e-3)
+    u = jnp.clip(e / jnp.sqrt(Q), 1e-7, 10.0)
+    return jax.lax.stop_gradient(layer_mesh(u, intervals, stages))
+
+
+def shapes(model: SteadyModel, Q: Spans, mesh: Mesh, scheme: Gauss) -> Shapes:
+    """Every span's collocation solution for given effective tensions."""
+    e = (model.eps / model.lam)[:, None]
+    q = Q[:, None]
+    h = jnp.diff(mesh, axis=1)
+    r = h / e
+    # Stage moments from the values at the interval's start: (I - r^2 Q A^2) M = m + r mu c.
+    A = jnp.asarray(scheme.inner)
+    c = jnp.asarray(scheme.points)[:, None, None]
+    unit = identity(scheme.stages, A[..., None, None] * r)
+    solve = inverse(unit - (A @ A)[..., None, None] * (r**2 * q))
+    M_m = jnp.sum(solve, axis=1)
+    M_mu = matvec(solve, c * r)
+    b = scheme.weights
+    # (m, mu) at the interval's end, by the weights b; b A = b (1 - c) for Gauss formulas.
+    bA = b @ scheme.inner
+    transfer = jnp.stack(
+        [
+            jnp.stack([1.0 + r**2 * q * mix(bA, M_m), r + r**2 * q * mix(bA, M_mu)]),
+            jnp.stack([r * q * mix(b, M_m), 1.0 + r * q * mix(b, M_mu)]),
+        ]
+    )
+    m, mu = _chained(transfer, model.kap_s, model.kap_e)
+    M = M_m * m[:, :-1] + M_mu * mu[:, :-1]
+    v = _accumulate(h * mix(b, M))
+    V = v[:, :-1] + h * mix(scheme.inner, M)
+    w = _accumulate(h * mix(b, V))
+    # Turned about its start until both ends are on the line that the arm sets.
+    turn = w[:, -1:]
+    return Shapes(m, mu, v - turn, w - turn * mesh, M, V - turn, h)
+
+
+def _accumulate(steps: Float[Array, "spans N"]) -> Float[Array, "spans N+1"]:
+    return jnp.pad(jnp.cumsum(steps, axis=1), ((0, 0), (1, 0)))
+
+
+def _chained(transfer: Float[Array, "2 2 spans N"], kap_s: Spans, kap_e: Spans):
+    """Node values that the transfer matrices link, with m given at both ends."""
+    spans, N = transfer.shape[2:]
+
+    def left(y):
+        links = y[:, :, 1:] - matvec(transfer, y[:, :, :-1])
+        return jnp.concatenate([links.reshape(-1), y[0, :, 0], y[0, :, -1]])
+
+    one = identity(2, transfer)
+    A, B = jnp.moveaxis(-transfer, 2, 0), jnp.moveaxis(one, 2, 0)
+    E = jnp.zeros((spans, 2, 0, N))
+    ends = Ends(
+        jnp.array([[1.0, 0.0], [0.0, 0.0]]), jnp.array([[0.0, 0.0], [1.0, 0.0]]), jnp.zeros((2, 0))
+    )
+    factor = jax.vmap(lambda A, B, E: factor_chain(Links(A, B, E), ends))(A, B, E)
+    factor = jax.lax.stop_gradient(factor)
+
+    def solved(right):
+        links = jnp.moveaxis(right[: -2 * spans].reshape(2, spans, N), 1, 0)
+        values = right[-2 * spans :].reshape(2, spans).T
+        y, _ = jax.vmap(solve_chain)(factor, links, values)
+        return jnp.moveaxis(y, 0, 1)
+
+    # The unknowns as a vector, in the order of the equations' sizes; any bijection will do.
+    def matvec_flat(flat):
+        return left(flat.reshape(2, spans, N + 1))
+
+    right = jnp.concatenate([jnp.zeros(2 * spans * N), kap_s, kap_e])
+    y = jax.lax.custom_linear_solve(
+        matvec_flat,
+        right,
+        lambda _, b: solved(b).reshape(-1),
+        lambda _, c: jax.linear_transpose(lambda b: solved(b).reshape(-1), right)(c)[0],
+    )
+    return y.reshape(2, spans, N + 1)
+
+
+def arm_rotation(model: SteadyModel, T: Scalar, Q: Spans, found: Shapes) -> Scalar:
+    """th from the arm's moment balance (3.43), linear in th."""
+    mod = model
+    pull = mod.lam / mod.rho * mod.a  # cos(beta_in), -cos(beta_out)
+    # -Q w' + e^2 w''' is the same at both ends, also after collocation, which keeps linear
+    # invariants.
+    force = -Q * found.v[:, 0] + mod.eps / mod.lam * found.mu[:, 0]
+    load = (T - mod.s**2) * mod.D + jnp.sum(pull * force)
+    return load / (mod.k_s + jnp.sum(pull * mod.a * Q))
+
+
+def belt_length_residual(
+    model: SteadyModel, T: Scalar, mesh: Mesh, scheme: Gauss
+) -> tuple[Scalar, Scalar]:
+    """(3.41), and th."""
+    Q = model.P - model.s**2 + T
+    found = shapes(model, Q, mesh, scheme)
+    th = arm_rotation(model, T, Q, found)
+    slopes = found.v_stages + (model.a * th)[:, None]
+    taken = 0.5 * jnp.sum(found.h * mix(scheme.weights, slopes**2), axis=1)
+    residual = jnp.sum(model.lam * (T / model.gam - taken)) + model.rho * model.D * th
+    return residual, th
+
+
+def collocated(
+    model: SteadyModel, scheme: Gauss, finer: Gauss, intervals: int, tol: float
+) -> SteadySolution:
+    """The steady state of the collocation equations, with an estimate of their error.
+
+    As `exact`: below the lowest tension no state has all its spans tight, and is `slack`.
+    `residual` is what the same equations with a stage more leave of (3.41); a state for which
+    that is above `tol` is `unresolved`.
+    """
+    lowest = jnp.max(model.s**2 - model.P)
+    # A span close to Q = 0 still has a shape, but its mesh does not need it closer.
+    floor = lowest + 1e-9 * (1.0 + jnp.abs(lowest))
+    held = jax.lax.stop_gradient(model)
+    guess = jnp.maximum(string_guess(held), floor + 0.05)
+    mesh = mesh_for(held, held.P - held.s**2 + guess, intervals, scheme.stages)
+    at_floor, _ = belt_length_residual(held, jax.lax.stop_gradient(floor), mesh, scheme)
+    slack = at_floor >= 0
+    safe = without_load(model, slack)
+    floor = jnp.where(slack, -0.5, floor)
+    guess = jnp.where(slack, 0.0, guess)
+    root = increasing_root(
+        lambda T: belt_length_residual(safe, T, mesh, scheme)[0], floor, guess, tol=1e-7
+    )
+    T = root.value
+    _, th = belt_length_residual(safe, T, mesh, scheme)
+    left, _ = belt_length_residual(*jax.lax.stop_gradient((safe, T)), mesh, finer)
+    return SteadySolution(
+        T=T,
+        th=th,
+        Q=safe.P - safe.s**2 + T,
+        slack=slack,
+        converged=root.converged,
+        residual=jnp.abs(left),
+        steps=root.steps,
+        unresolved=~(jnp.abs(left) <= tol),
+    )
+
+
+def coupling(model: SteadyModel, Q: Spans, scheme: Gauss, intervals: int) -> Spans:
+    """Gamma_i, the integral of w_i''^2, by the Gauss formula."""
+    mesh = mesh_for(model, Q, intervals, scheme.stages)
+    found = shapes(model, Q, mesh, scheme)
+    return jnp.sum(found.h * mix(scheme.weights, found.m_stages**2), axis=1)
+
+
+def deflection(model: SteadyModel, th: Scalar, Q: Spans, i, x: Array, scheme: Gauss, intervals: int):
+    """w_i at x in [0, 1]: the collocation polynomial of w, whose slopes are the stages' v."""
+    mesh = mesh_for(model, Q, intervals, scheme.stages)
+    found = shapes(model, Q, mesh, scheme)
+    nodes, h = mesh[i], found.h[i]
+    at = jnp.clip(jnp.searchsorted(nodes, x, side="right") - 1, 0, intervals - 1)
+    t = (x - nodes[at]) / h[at]
+    degree = jnp.arange(1, scheme.stages + 1)
+    weights = jnp.asarray(scheme.slope / degree)  # [s, powers]
+    powers = t[..., None] ** degree
+    slopes = found.v_stages[:, i][:, at]  # [s, ...]
+    rise = h[at] * jnp.einsum("jm,...m,j...->...", weights, powers, slopes)
+    return (model.w_start[i] + model.a[i] * x) * th + found.w[i][at] + rise

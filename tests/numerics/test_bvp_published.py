@@ -1,0 +1,193 @@
+"""Published problems with parameters, periodic conditions, singular terms and four states."""
+
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.integrate
+import scipy.special
+
+from beltjax.numerics.bvp import solve_bvp
+from beltjax.results import RESULTS
+from numerics import bvp_problems as problems
+
+NODES = 65
+X = np.linspace(0.0, 1.0, 41)
+
+
+def _args(which, value):
+    # The choice is data: every member of a group runs the same compiled program.
+    return jnp.array(which), jnp.array(value)
+
+
+def with_parameter(which, value, interval, guess, p):
+    rhs, bc = problems.with_parameter
+    x = jnp.linspace(*interval, 101)
+    y = jnp.asarray(np.stack(guess(np.asarray(x))))
+    solution = solve_bvp(
+        rhs, bc, interval, (x, y), jnp.array([p]), _args(which, value), nodes=NODES
+    )
+    assert solution.result == RESULTS.successful
+    return solution
+
+
+def four_states(which, value, interval=(0.0, 1.0), guess=None):
+    rhs, bc = problems.four_states
+    if guess is None:
+        guess = (jnp.linspace(*interval, 201), jnp.zeros((4, 201)))
+    args = _args(which, value)
+    return solve_bvp(rhs, bc, interval, guess, args=args, nodes=NODES, throw=False)
+
+
+@pytest.mark.parametrize(("order", "q"), [(0, 5.0), (2, 5.0), (4, 5.0), (4, 15.0)])
+def test_mathieu_characteristic_value(order, q):
+    def guess(x):
+        return np.cos(order * x), -order * np.sin(order * x)
+
+    start = scipy.special.mathieu_a(order, q) + 0.5
+    solution = with_parameter(problems.MATHIEU, q, (0.0, np.pi), guess, start)
+    assert float(solution.parameters[0]) == pytest.approx(
+        scipy.special.mathieu_a(order, q), abs=1e-8
+    )
+
+
+@pytest.mark.parametrize(
+    ("mu", "period"),
+    # Andersen and Geer (1982): series in mu^2 to order 163.
+    [(1.0, 6.66328685932313), (2.0, 7.62987447967484), (3.0, 8.85909549923762)],
+)
+def test_van_der_pol_period(mu, period):
+    orbit = _van_der_pol_orbit(mu)
+    y = jnp.asarray(np.interp(X, np.linspace(0, 1, len(orbit[0])), orbit[0]))
+    v = jnp.asarray(np.interp(X, np.linspace(0, 1, len(orbit[1])), orbit[1]))
+    rhs, bc = problems.with_parameter
+    guess = (jnp.linspace(0.0, 1.0, 101), jnp.stack([jnp.interp(jnp.linspace(0, 1, 101), X, c)
+                                                     for c in (y, v)]))
+    solution = solve_bvp(
+        rhs, bc, (0.0, 1.0), guess, jnp.array([1.05 * period]),
+        _args(problems.VAN_DER_POL, mu), nodes=NODES, tol=1e-5,
+    )
+    assert float(solution.parameters[0]) == pytest.approx(period, abs=2e-7)
+
+
+def _van_der_pol_orbit(mu):
+    """A crude orbit over about a period from y' = 0, for a guess."""
+    def field(t, y):
+        return [y[1], mu * (1 - y[0] ** 2) * y[1] - y[0]]
+
+    start = scipy.integrate.solve_ivp(field, (0, 50), [2.0, 0.0], events=lambda t, y: y[1])
+    top = [i for i, y in enumerate(start.y_events[0]) if y[0] > 0][-1]
+    times = np.linspace(0, 6.66 + 1.1 * (mu - 1), 60)
+    return scipy.integrate.solve_ivp(field, (0, 10), start.y_events[0][top], t_eval=times).y
+
+
+def test_forced_oscillator_is_periodic():
+    def guess(x):
+        return np.cos(x) / 3, -np.sin(x) / 3
+
+    solution = with_parameter(problems.FORCED, 0.3, (0.0, 2 * np.pi), guess, 0.0)
+    x = np.linspace(0, 2 * np.pi, 50)
+    exact = np.real(np.exp(1j * x) / (3 + 0.3j))
+    np.testing.assert_allclose(solution(x)[0], exact, atol=1e-7)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 5])
+def test_sturm_liouville_eigenvalue(n):
+    exact = 0.25 + (n * np.pi / np.log(2)) ** 2
+
+    def guess(x):
+        return np.sin(n * np.pi * x) / (n * np.pi), np.cos(n * np.pi * x)
+
+    solution = with_parameter(problems.EIGENVALUE, 0.0, (0.0, 1.0), guess, 0.95 * exact)
+    assert float(solution.parameters[0]) == pytest.approx(exact, rel=1e-8)
+
+
+@pytest.mark.parametrize("e", [0.3, 0.02, 1e-3, 1e-4])
+def test_tensioned_beam(e):
+    solution = four_states(problems.TENSIONED, e)
+    assert solution.result == RESULTS.successful
+    np.testing.assert_allclose(solution(X)[0], problems.tensioned_beam(X, e), atol=1e-7)
+
+
+def test_beam_of_graded_stiffness():
+    solution = four_states(problems.GRADED, 0.0, (1.0, 2.0))
+    assert solution.result == RESULTS.successful
+    np.testing.assert_allclose(solution(1 + X)[0], problems.graded_beam(1 + X), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("which", "value"),
+    [(problems.BUCKLED, 0.1), (problems.BUCKLED, 0.02), (problems.POROUS, 10.0),
+     (problems.POROUS, 100.0), (problems.POROUS, 1000.0)],
+)
+def test_four_states_agree_with_scipy(which, value):
+    rhs, bc = problems.four_states
+    args = _args(which, value)
+    x = np.linspace(0, 1, 201)
+    start = np.zeros((4, 201))
+    if which == problems.POROUS:
+        start[:2] = x**2 * (3 - 2 * x), 6 * x * (1 - x)
+    columns = jax.jit(jax.vmap(lambda x, y: rhs(x, y, None, args), in_axes=(0, 1), out_axes=1))
+    ends = jax.jit(lambda a, b: bc(a, b, None, args))
+    reference = scipy.integrate.solve_bvp(
+        lambda x, y: np.asarray(_padded(columns, x, y)), lambda a, b: np.asarray(ends(a, b)),
+        x, start, tol=1e-8, max_nodes=20000,
+    )
+    assert reference.status == 0
+    solution = four_states(which, value, guess=(jnp.asarray(x), jnp.asarray(start)))
+    assert solution.result == RESULTS.successful
+    scale = 1 + np.max(np.abs(reference.y), axis=1, keepdims=True)
+    error = np.abs(np.asarray(solution(X)) - reference.sol(X)) / scale
+    assert error.max() < 1e-6
+
+
+def _padded(columns, x, y):
+    """SciPy's mesh changes size; one compiled size serves it."""
+    size = 1 << int(np.ceil(np.log2(len(x))))
+    extra = size - len(x)
+    x, y = np.pad(x, (0, extra), mode="edge"), np.pad(y, ((0, 0), (0, extra)), mode="edge")
+    return columns(x, y)[:, : size - extra]
+
+
+# y'' + (m/x) y' + g(y) = 0 with y'(0) = 0.
+EMDEN, BESSEL, CHANDRASEKHAR = range(3)
+
+
+def _singular(x, y, p, args):
+    which = args
+    g = jax.lax.switch(which, [lambda u: u**5, lambda u: u, lambda u: -jnp.exp(-u)], y[0])
+    return jnp.stack([y[1], -g])
+
+
+def _ends(ya, yb, p, args):
+    wanted = jnp.array([np.sqrt(3) / 2, float(scipy.special.j0(2.0)), 0.0])
+    here = jnp.where(args == CHANDRASEKHAR, ya[0], yb[0])
+    return jnp.stack([ya[1], here - wanted[args]])
+
+
+@functools.cache
+def singular_problem(which, m, b):
+    guess = (jnp.array([0.0, b]), jnp.array([[1.0, 0.8], [0.0, 0.0]]))
+    term = jnp.array([[0.0, 0.0], [0.0, -m]])
+    return solve_bvp(_singular, _ends, (0.0, b), guess, None, jnp.array(which), term, nodes=NODES)
+
+
+def test_lane_emden_with_a_singular_term():
+    solution = singular_problem(EMDEN, 2.0, 1.0)
+    assert solution.result == RESULTS.successful
+    np.testing.assert_allclose(solution(X)[0], 1 / np.sqrt(1 + X**2 / 3), atol=1e-8)
+
+
+def test_bessel_function_with_a_singular_term():
+    solution = singular_problem(BESSEL, 1.0, 2.0)
+    np.testing.assert_allclose(solution(2 * X)[0], scipy.special.j0(2 * X), atol=1e-8)
+
+
+def test_isothermal_sphere_against_its_series():
+    """Chandrasekhar (1939): x^2/6 - x^4/120 + x^6/1890 - 61 x^8/1632960 + ..."""
+    solution = singular_problem(CHANDRASEKHAR, 2.0, 1.0)
+    x = 0.5 * X
+    series = x**2 / 6 - x**4 / 120 + x**6 / 1890 - 61 * x**8 / 1632960 + 629 * x**10 / 224532000
+    np.testing.assert_allclose(solution(x)[0], series, atol=1e-8)
