@@ -17,3 +17,6 @@ from beltjax.drive.components import TensionGiven as TensionGiven
 from beltjax.drive.layout import Layout as Layout
 from beltjax.drive.layout import layout as layout
 from beltjax.results import RESULTS as RESULTS
+from beltjax.drive.files import load_drive as load_drive
+from beltjax.drive.files import save_drive as save_drive
+from beltjax.errors import FileError as FileError
