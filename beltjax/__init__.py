@@ -1,5 +1,8 @@
 """Differentiable solver for the design of serpentine belt drives."""
 
+import importlib
+from typing import Any
+
 from beltjax.analysis.reference import ReferenceState as ReferenceState
 from beltjax.analysis.reference import reference_state as reference_state
 from beltjax.analysis.steady import Exact as Exact
@@ -14,9 +17,16 @@ from beltjax.drive.components import OperatingPoint as OperatingPoint
 from beltjax.drive.components import Pulley as Pulley
 from beltjax.drive.components import Tensioner as Tensioner
 from beltjax.drive.components import TensionGiven as TensionGiven
-from beltjax.drive.layout import Layout as Layout
-from beltjax.drive.layout import layout as layout
-from beltjax.results import RESULTS as RESULTS
 from beltjax.drive.files import load_drive as load_drive
 from beltjax.drive.files import save_drive as save_drive
+from beltjax.drive.layout import Layout as Layout
+from beltjax.drive.layout import layout as layout
 from beltjax.errors import FileError as FileError
+from beltjax.results import RESULTS as RESULTS
+
+
+def __getattr__(name: str) -> Any:
+    # Loaded on first use: `beltjax.optimize` stands on `beltjax`, not the other way round.
+    if name == "optimize":
+        return importlib.import_module("beltjax.optimize")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -91,7 +91,7 @@ class OperationTable(Table):
     driver_speed: Annotated[float, in_unit("rad/s"), NotNegative] | None = None
     mass_flow: Annotated[float, in_unit("kg/s"), NotNegative] | None = None
     travel: Literal["listed", "opposite"] = "listed"
-    torque: dict[str, NewtonMeter] = {}
+    torque: Annotated[dict[str, NewtonMeter], Field(default_factory=dict)]
 
 
 class DriveTable(Table):
@@ -217,17 +217,21 @@ def _require_names(file: DriveTable, path: object) -> None:
             path, "pulley.driver", f"found {found}; mark exactly one pulley with driver = true"
         )
     if file.tensioner:
-        _require_known(file.tensioner.pulley, names, path, "tensioner.pulley")
+        key = "tensioner.pulley"
+        _require_known(file.tensioner.pulley, names, path, key)
         if file.tensioner.pulley == drivers[0]:
-            raise FileError(
-                path, "tensioner.pulley", f"found the driver {drivers[0]!r}; name an idler"
-            )
+            raise FileError(path, key, f"found the driver {drivers[0]!r}; name an idler")
+    _require_torques(file, names, drivers[0], path)
+
+
+def _require_torques(file: DriveTable, names: list[str], driver: str, path: object) -> None:
+    carried = file.tensioner.pulley if file.tensioner else None
     for name, value in file.operation.torque.items():
         key = f"operation.torque.{name}"
         _require_known(name, names, path, key)
-        if value and name == drivers[0]:
+        if value and name == driver:
             raise FileError(path, key, "the driver balances the other torques; remove this one")
-        if value and file.tensioner and name == file.tensioner.pulley:
+        if value and name == carried:
             raise FileError(path, key, "the tensioner's pulley is an idler; remove this torque")
 
 

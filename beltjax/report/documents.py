@@ -103,6 +103,25 @@ def plain_numbers(drive: Drive, point: OperatingPoint) -> dict[str, Any]:
     return {name: _plain(value) for name, value in named_numbers(drive, point).items()}
 
 
+def design_document(design: Any) -> dict[str, Any]:
+    """The outcome of a `beltjax.optimize.Design`."""
+    asked = [constraint for constraint in design.constraints if not constraint.implied]
+    implied = [constraint for constraint in design.constraints if constraint.implied]
+    return {
+        "design": dict(design.values),
+        "objective": {"initial": design.initial, "final": design.final},
+        "constraints": [_constraint(constraint) for constraint in asked],
+        "implied_constraints": [_constraint(constraint) for constraint in implied],
+        "success": design.success,
+        "starts": [{"final": start.final, "result": start.result} for start in design.starts],
+    }
+
+
+def _constraint(constraint: Any) -> dict[str, Any]:
+    keys = ("quantity", "value", "lower", "upper", "multiplier", "active", "violation")
+    return {key: getattr(constraint, key) for key in keys}
+
+
 def _plain(value: Any) -> Any:
     """An array as a number or nested lists; what is not finite becomes None."""
     if value is None:

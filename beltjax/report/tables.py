@@ -1,5 +1,6 @@
 """Readable tables of results, for a terminal or a file."""
 
+import math
 from typing import Any
 
 from rich.console import Group
@@ -83,6 +84,50 @@ def _components(name: str, size: Any, slope: Any) -> list[tuple[str, float, floa
         return [(name, size, slope)]
     parts = zip(size, slope, strict=True)
     return [(f"{name}[{i}]", *part) for i, part in enumerate(parts)]
+
+
+def design_tables(document: dict[str, Any], before: dict[str, float]) -> Group:
+    """The tables of `beltjax optimize`: the design, its constraints, and how the starts ended."""
+    return Group(
+        _design_table(document, before), _constraint_table(document), _start_table(document)
+    )
+
+
+def _design_table(document: dict[str, Any], before: dict[str, float]) -> Table:
+    table = plain_table("Design", "variable", "before", "after", "(SI, rad)")
+    for name, value in document["design"].items():
+        table.add_row(name, f"{before[name]:.6g}", f"{value:.6g}")
+    objective = document["objective"]
+    initial = "-" if objective["initial"] is None else f"{objective['initial']:.6g}"
+    table.add_row("objective", initial, f"{objective['final']:.6g}", style="bold")
+    return table
+
+
+def _constraint_table(document: dict[str, Any]) -> Table:
+    table = plain_table(
+        "Constraints", "quantity", "value", "lower", "upper", "", "d objective/d limit"
+    )
+    active_implied = [c for c in document["implied_constraints"] if c["active"] or c["violation"]]
+    for constraint in document["constraints"] + active_implied:
+        state = "not met" if constraint["violation"] else "active" if constraint["active"] else ""
+        bounds = [
+            "-" if constraint[k] is None else f"{constraint[k]:.6g}" for k in ("lower", "upper")
+        ]
+        price = f"{constraint['multiplier']:+.4g}" if constraint["active"] else ""
+        table.add_row(constraint["quantity"], f"{constraint['value']:.6g}", *bounds, state, price)
+    return table
+
+
+def _start_table(document: dict[str, Any]) -> Table:
+    table = plain_table("Starts", "ended", "how many", "best objective")
+    endings: dict[str, list[float]] = {}
+    for start in document["starts"]:
+        values = endings.setdefault(start["result"], [])
+        values.append(math.inf if start["final"] is None else start["final"])
+    for ending, values in endings.items():
+        best = min(values)
+        table.add_row(ending, str(len(values)), "-" if math.isinf(best) else f"{best:.6g}")
+    return table
 
 
 def number(value: float | None, digits: int) -> str:
