@@ -1,5 +1,8 @@
 """Differentiable solver for the design of serpentine belt drives."""
 
+import importlib
+from typing import Any
+
 from beltjax.analysis.collocation import Collocation as Collocation
 from beltjax.analysis.reference import ReferenceState as ReferenceState
 from beltjax.analysis.reference import reference_state as reference_state
@@ -15,11 +18,21 @@ from beltjax.drive.components import OperatingPoint as OperatingPoint
 from beltjax.drive.components import Pulley as Pulley
 from beltjax.drive.components import Tensioner as Tensioner
 from beltjax.drive.components import TensionGiven as TensionGiven
+from beltjax.drive.files import load_drive as load_drive
+from beltjax.drive.files import save_drive as save_drive
 from beltjax.drive.layout import Layout as Layout
 from beltjax.drive.layout import layout as layout
+from beltjax.errors import FileError as FileError
 from beltjax.numerics.bvp import BVPSolution as BVPSolution
 from beltjax.numerics.bvp import solve_bvp as solve_bvp
 from beltjax.numerics.bvp_continuation import Branch as Branch
 from beltjax.numerics.bvp_continuation import continue_bvp as continue_bvp
 from beltjax.numerics.bvp_continuation import follow_branch as follow_branch
 from beltjax.results import RESULTS as RESULTS
+
+
+def __getattr__(name: str) -> Any:
+    # Loaded on first use: `beltjax.optimize` stands on `beltjax`, not the other way round.
+    if name == "optimize":
+        return importlib.import_module("beltjax.optimize")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

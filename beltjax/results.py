@@ -20,9 +20,14 @@ if TYPE_CHECKING:
         def __class_getitem__(cls, item: Any) -> str: ...
         def __eq__(self, other: object) -> Any: ...
         def __ne__(self, other: object) -> Any: ...
-        def error_if(self, value: Value, pred: Any) -> Value: ...
+        def error_if(self, value: Value, pred: Any) -> Value:
+            """`value`, which raises with this member's text where `pred`."""
+            ...
+
         @classmethod
-        def where(cls, pred: Any, a: Any, b: Any) -> "RESULTS": ...
+        def where(cls, pred: Any, a: Any, b: Any) -> "RESULTS":
+            """`a` where `pred`, else `b`."""
+            ...
 
         successful: "RESULTS"
         nonlinear_max_steps_reached: "RESULTS"
@@ -38,6 +43,9 @@ if TYPE_CHECKING:
         mesh_exhausted: "RESULTS"
         newton_failed: "RESULTS"
         singular_system: "RESULTS"
+        no_starting_design: "RESULTS"
+        constraints_infeasible: "RESULTS"
+        optimum_not_reached: "RESULTS"
 
 else:
 
@@ -93,6 +101,18 @@ else:
         singular_system = (
             "The linearized boundary value problem is singular: a condition is missing or "
             "repeated, the data sit on an eigenvalue, or at a fold (`follow_branch` passes folds)."
+        )
+        no_starting_design = (
+            "No design within the bounds could be evaluated. Widen the bounds, or move them "
+            "closer to a drive that runs."
+        )
+        constraints_infeasible = (
+            "No design within the bounds meets all constraints. `design.constraints` shows by how "
+            "much; relax that limit or widen the bounds."
+        )
+        optimum_not_reached = (
+            "The optimizer stopped before it reached an optimum. Use more starts, or scale down "
+            "the bounds."
         )
 
 

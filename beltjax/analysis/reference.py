@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float
 
 from beltjax.drive.components import BeltGiven, Drive, OperatingPoint, TensionGiven
 from beltjax.drive.layout import Layout, layout
-from beltjax.numerics.roots import pair_root
+from beltjax.numerics.roots import Search, implicit_root, pair_root
 from beltjax.results import RESULTS, first_failure, raise_unless_successful, succeeded
 
 LARGEST_STRAIN = 0.1  # beyond this a belt is not stretched but broken
@@ -37,13 +37,13 @@ class _Held(NamedTuple):
     wind_up: Float[Array, ""]  # drawn arm angle less free angle [rad]
 
 
-class _Level(NamedTuple):
-    """A solved level of the belt: the arm's turn from the drawing and a reference tension."""
+class _Problem(NamedTuple):
+    """Equations (a) and (c), whose unknowns are the arm's turn and a tension over `scale`."""
 
-    turn: Float[Array, ""]
-    tension: Float[Array, ""]
-    converged: Bool[Array, ""]
-    steps: Array
+    drive: Drive
+    held: _Held
+    offsets: Float[Array, " spans"]  # of the span tensions above the unknown one [N]
+    scale: Float[Array, ""]  # [N]
 
 
 @eqx.filter_jit
@@ -82,40 +82,62 @@ def _solved_state(drive, point, drawn) -> ReferenceState:
     rule = drive.installation
     offsets = _tension_offsets(drive, point)
     if isinstance(rule, TensionGiven):
-        base = rule.tension
-        held = _held_by_tensions(drive, drawn, jnp.full_like(offsets, base))
-        unloaded = _Level(jnp.zeros(()), base, jnp.array(True), jnp.array(0))
+        held = _held_by_tensions(drive, drawn, jnp.full_like(offsets, rule.tension))
+        base, turn, fits = rule.tension, jnp.zeros(()), succeeded(drawn.result)
+        bare = RESULTS.where(fits, RESULTS.successful, drawn.result)
     else:
-        held = _held_by_belt(drive, drawn, rule)
-        unloaded = _level(drive, held, jnp.zeros_like(offsets), _guess(drive, drawn, held), drawn)
-        base = unloaded.tension
-    # A lane whose belt does not fit is carried on with one that does, for finite numbers.
-    fits = succeeded(drawn.result) & unloaded.converged
-    fits = fits & (base > 0) & (base <= LARGEST_STRAIN * drive.belt.axial_stiffness)
-    base = jnp.where(fits, base, 1e-3 * drive.belt.axial_stiffness)
-    spare = _held_by_tensions(drive, drawn, jnp.full_like(offsets, base))
-    held = jax.tree.map(lambda a, b: jnp.where(fits, a, jax.lax.stop_gradient(b)), held, spare)
-    offsets = jnp.where(fits, offsets, 0.0)
-    start = (jnp.where(fits, unloaded.turn, 0.0), base)
-    loaded = _level(drive, held, offsets, start, drawn)
+        held = _held_by_belt(drawn, rule)
+        unloaded = _Problem(drive, held, jnp.zeros_like(offsets), _likely_tension(drive))
+        base, turn, bare = _bare_state(unloaded, drawn)
+        fits = succeeded(bare)
+        held = _replaced(fits, held, _held_by_tensions(drive, drawn, jnp.full_like(offsets, base)))
 
-    moved = layout(drive, loaded.turn)
-    tensions = loaded.tension + offsets
+    problem = _Problem(drive, held, jnp.where(fits, offsets, 0.0), base)
+    found = _search(problem, turn)
+    good = fits & found.converged
+    spare = _held_by_tensions(drive, drawn, jnp.full_like(offsets, base))
+    problem = problem._replace(
+        held=_replaced(good, held, spare), offsets=jnp.where(good, offsets, 0.0)
+    )
+    turn, level = _root(problem, good, found)
+    moved = layout(drive, turn)
+    tensions = level + problem.offsets
     result = first_failure(
-        (~succeeded(drawn.result), drawn.result),
-        (~unloaded.converged, RESULTS.belt_does_not_fit),
-        (unloaded.tension <= 0, RESULTS.belt_too_long),
-        (~fits, RESULTS.belt_too_short),
-        (~loaded.converged, RESULTS.belt_does_not_fit),
+        (~fits, bare),
+        (~found.converged, RESULTS.belt_does_not_fit),
         (~succeeded(moved.result), moved.result),
         (jnp.any(tensions <= 0), RESULTS.span_slack),
-        (_beyond_stops(drive, drawn, loaded.turn), RESULTS.arm_at_stop),
+        (_beyond_stops(drive, drawn, turn), RESULTS.arm_at_stop),
     )
-    good = succeeded(result)
-    tensions = jnp.where(good, tensions, base)
-    error = jnp.max(jnp.abs(_residuals(drive, held, offsets, base, loaded.turn, loaded.tension)))
-    stats = {"steps": loaded.steps}
-    return _state(drive, moved, tensions, base, held, jax.lax.stop_gradient(error), result, stats)
+    tensions = jnp.where(succeeded(result), tensions, base)
+    error = jnp.max(jnp.abs(found.residual))
+    return _state(drive, moved, tensions, base, problem.held, error, result, {"steps": found.steps})
+
+
+def _bare_state(problem: _Problem, drawn: Layout):
+    """Tension and arm's turn of a given belt without torques, and whether it fits.
+
+    Where it does not, the tension is a harmless positive number without derivative.
+    """
+    found = _search(problem, jnp.zeros(()))
+    turn, level = found.root
+    tension = level * problem.scale
+    strain = tension / problem.drive.belt.axial_stiffness
+    result = first_failure(
+        (~succeeded(drawn.result), drawn.result),
+        (~found.converged, RESULTS.belt_does_not_fit),
+        (tension <= 0, RESULTS.belt_too_long),
+        (strain > LARGEST_STRAIN, RESULTS.belt_too_short),
+    )
+    fits = jax.lax.stop_gradient(succeeded(result))
+    spare = _held_by_tensions(problem.drive, drawn, problem.offsets + problem.scale)
+    turn, tension = _root(problem._replace(held=_replaced(fits, problem.held, spare)), fits, found)
+    return tension, turn, result
+
+
+def _replaced(good, held: _Held, spare: _Held) -> _Held:
+    """`held` where it is good; elsewhere `spare`, without derivatives."""
+    return jax.tree.map(lambda a, b: jnp.where(good, a, jax.lax.stop_gradient(b)), held, spare)
 
 
 def _state(drive, at, tensions, base, held, error, result, stats) -> ReferenceState:
@@ -172,7 +194,7 @@ def _held_by_tensions(drive: Drive, drawn: Layout, tensions) -> _Held:
     return _Held(_unstretched(drive, drawn, tensions), wind_up)
 
 
-def _held_by_belt(drive: Drive, drawn: Layout, rule: BeltGiven) -> _Held:
+def _held_by_belt(drawn: Layout, rule: BeltGiven) -> _Held:
     wind_up = jnp.zeros(())
     if rule.free_angle is not None:
         difference = drawn.arm_angle - rule.free_angle
@@ -183,37 +205,41 @@ def _held_by_belt(drive: Drive, drawn: Layout, rule: BeltGiven) -> _Held:
     return _Held(rule.belt_length, wind_up)
 
 
-def _guess(drive: Drive, drawn: Layout, held: _Held):
-    """Arm as drawn, and a belt strained by a few thousandths."""
-    return jnp.zeros(()), 2.5e-3 * drive.belt.axial_stiffness
+def _likely_tension(drive: Drive) -> Float[Array, ""]:
+    """Tension of a belt strained by a few thousandths, a first guess."""
+    return 2.5e-3 * jax.lax.stop_gradient(drive.belt.axial_stiffness)
 
 
-def _residuals(drive, held, offsets, base, turn, tension) -> Float[Array, "2"]:
-    """(a) over P0 r_t, and (c) over the mean span, at an arm turned by `turn`."""
+def _residuals(unknown: Float[Array, "2"], problem: _Problem) -> Float[Array, "2"]:
+    """(a) over a tension and the arm, and (c) over the mean span."""
+    turn, level = unknown
+    drive, held, offsets, scale = problem
     at = layout(drive, turn)
-    tensions = tension + offsets
+    tensions = level * scale + offsets
     mean_span = jnp.mean(at.span_lengths)
     belt = (_unstretched(drive, at, tensions) - held.length) / mean_span
     if drive.tensioner is None:
         return jnp.stack([turn, belt])
     spring = drive.tensioner.stiffness * (held.wind_up + turn)
-    moment = (_belt_moment(at, tensions) + spring) / (base * at.arm_length)
+    moment = (_belt_moment(at, tensions) + spring) / (scale * at.arm_length)
     return jnp.stack([moment, belt])
 
 
-def _level(drive, held, offsets, start, drawn) -> _Level:
-    """Arm angle and tension level of (a) and (c), by Newton's method from `start`."""
-    scale = jax.lax.stop_gradient(start[1])
-
-    def residual(unknown):
-        turn, level = unknown
-        return _residuals(drive, held, offsets, scale, turn, level * scale)
-
+def _search(problem: _Problem, turn: Float[Array, ""]) -> Search:
+    """Arm's turn and tension level by Newton's method from `turn` and the problem's scale."""
+    fixed, turn = jax.lax.stop_gradient((problem, turn))
+    # A slack or a tenfold tension may be passed on the way; the arm must not jump.
     largest = jnp.array([LARGEST_TURN, 20.0])
-    root = pair_root(residual, jnp.stack([start[0], start[1] / scale]), largest)
-    converged = root.converged & jnp.all(jnp.isfinite(root.value))
-    turn, level = jnp.where(converged, root.value, jnp.stack([0.0 * start[0], jnp.ones(())]))
-    return _Level(turn, level * scale, converged, root.steps)
+    guess = jnp.stack([turn, jnp.ones(())])
+    found = pair_root(lambda unknown: _residuals(unknown, fixed), guess, largest)
+    return found._replace(converged=found.converged & jnp.all(jnp.isfinite(found.root)))
+
+
+def _root(problem: _Problem, good: Bool[Array, ""], found: Search):
+    """Turn and tension [N] with their derivatives; the drawn, torque-free state where not good."""
+    root = jnp.where(good, found.root, jnp.array([0.0, 1.0]))
+    turn, level = implicit_root(_residuals, problem, root)
+    return turn, level * problem.scale
 
 
 def _beyond_stops(drive: Drive, drawn: Layout, turn) -> Bool[Array, ""]:

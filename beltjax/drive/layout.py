@@ -30,8 +30,8 @@ class Layout(eqx.Module):
     path_length: Float[Array, ""]
     arm_length: Float[Array, ""]  # r_t; 1 where there is no tensioner
     arm_angle: Float[Array, ""]  # alpha, direction of the arm from pivot to pulley
-    arm_normal: Float[Array, " spans"]  # speed of the span's moving end along its normal, over r_t,
-    arm_tangent: Float[Array, " spans"]  # growth of the span's length, per radian and r_t
+    arm_normal: Float[Array, " spans"]  # d(w_i(l_i) - w_i(0))/d(theta_t) over r_t
+    arm_tangent: Float[Array, " spans"]  # d(l_i)/d(theta_t) over r_t
     alignment: Float[Array, "2"]  # (beta_in, beta_out) in [0, 2 pi)
     result: RESULTS
 
@@ -57,22 +57,29 @@ def layout(drive: Drive, arm_rotation: Float[Array, ""] | float = 0.0) -> Layout
     arm = turned(drive.arm, jnp.asarray(arm_rotation))
     centers = drive.centers + drive.carried[:, None] * (arm - drive.arm)
 
-    apart = jnp.roll(centers, -1, axis=0) - centers
-    rise = jnp.roll(faces * radii, -1) - faces * radii  # of the center line along the normal
-    distance2 = jnp.sum(apart**2, axis=-1)
+    # Components stay apart until the results are put together: joining and splitting small
+    # arrays is most of what XLA would otherwise have to compile.
+    x, y = centers[:, 0], centers[:, 1]
+    across, up = _following(x) - x, _following(y) - y
+    rise = _following(faces * radii) - faces * radii  # of the center line along the normal
+    distance2 = across**2 + up**2
     exists = distance2 > rise**2
     distance2 = jnp.where(exists, distance2, 1.0 + rise**2)
     lengths = jnp.sqrt(distance2 - rise**2)
-    directions = (
-        lengths[:, None] * apart - (sense * rise)[:, None] * perpendicular(apart)
-    ) / distance2[:, None]
     # Where there is no tangent, any unit vector does: nothing downstream may be NaN.
-    directions = jnp.where(exists[:, None], directions, jnp.array([1.0, 0.0]))
+    along_x = jnp.where(exists, (lengths * across + sense * rise * up) / distance2, 1.0)
+    along_y = jnp.where(exists, (lengths * up - sense * rise * across) / distance2, 0.0)
+    directions = jnp.stack([along_x, along_y], axis=-1)
     normals = sense * perpendicular(directions)
 
-    wraps = _wraps(directions, faces, sense)
+    wraps = _wraps(along_x, along_y, faces * sense)
     arcs = radii * wraps
-    arm_normal, arm_tangent, alignment, arm_length = _arm(drive, arm, directions, normals)
+    arm_length = jnp.sqrt(arm[0] ** 2 + arm[1] ** 2)
+    side_x, side_y = -arm[1] / arm_length, arm[0] / arm_length
+    # The difference of a span's two ends is all that it feels of the arm: + for the span that
+    # ends there, - for the one that starts.
+    moved = _following(drive.carried) - drive.carried
+    foot = faces * radii
     result = first_failure(
         (jnp.any(~exists), RESULTS.no_tangent),
         (jnp.abs(jnp.sum(faces * wraps) - 2 * jnp.pi) > 1.0, RESULTS.path_not_simple),
@@ -82,46 +89,40 @@ def layout(drive: Drive, arm_rotation: Float[Array, ""] | float = 0.0) -> Layout
         centers=centers,
         directions=directions,
         normals=normals,
-        starts=centers - (faces * radii)[:, None] * normals,
-        ends=jnp.roll(
-            centers - (faces * radii)[:, None] * jnp.roll(normals, 1, axis=0), -1, axis=0
-        ),
+        starts=centers - foot[:, None] * normals,
+        ends=jnp.roll(centers, -1, axis=0) - _following(foot)[:, None] * normals,
         span_lengths=lengths,
         wraps=wraps,
         arc_lengths=arcs,
         path_length=jnp.sum(lengths) + jnp.sum(arcs),
         arm_length=arm_length,
         arm_angle=jnp.arctan2(arm[1], arm[0]),
-        arm_normal=arm_normal,
-        arm_tangent=arm_tangent,
-        alignment=alignment,
+        arm_normal=moved * sense * (along_x * side_y - along_y * side_x),
+        arm_tangent=moved * (along_x * side_x + along_y * side_y),
+        alignment=_alignment(drive, arm, directions),
         result=result,
     )
 
 
-def _wraps(directions, faces, sense) -> Float[Array, " pulleys"]:
+def _following(values: Float[Array, " n"]) -> Float[Array, " n"]:
+    """What belongs to the next pulley or span in the list."""
+    return jnp.roll(values, -1)
+
+
+def _wraps(along_x, along_y, side) -> Float[Array, " pulleys"]:
     """Angle by which each pulley turns the belt, positive where it touches it."""
-    before = jnp.roll(directions, 1, axis=0)
-    cross = before[:, 0] * directions[:, 1] - before[:, 1] * directions[:, 0]
-    turn = faces * sense * jnp.arctan2(cross, jnp.sum(before * directions, axis=-1))
+    before_x, before_y = jnp.roll(along_x, 1), jnp.roll(along_y, 1)
+    cross = before_x * along_y - before_y * along_x
+    turn = side * jnp.arctan2(cross, before_x * along_x + before_y * along_y)
     return jnp.where(turn < -jnp.pi / 2, turn + 2 * jnp.pi, turn)
 
 
-def _arm(drive, arm, directions, normals):
-    """How the spans follow the arm: rates along their normals and tangents, and (3.5)'s angles."""
-    arm_length = jnp.sqrt(jnp.sum(arm**2))
-    sideways = perpendicular(arm) / arm_length
-    ends_on_arm = jnp.roll(drive.carried, -1)  # the span whose second pulley is carried
-    starts_on_arm = drive.carried
-    # cos(beta_in) for the span that ends on the arm, -cos(beta_out) for the one that starts:
-    # the difference of the span's two ends, which is all that a span feels.
-    arm_normal = (ends_on_arm - starts_on_arm) * (normals @ sideways)
-    arm_tangent = (ends_on_arm - starts_on_arm) * (directions @ sideways)
-    # Going counterclockwise, a clockwise list is met backwards.
-    forward = jnp.stack([ends_on_arm @ directions, starts_on_arm @ directions])
-    backward = -forward[::-1]
-    met = jnp.where(drive.sense > 0, forward, backward)
-    angle = jnp.arctan2(arm[1], arm[0]) - jnp.arctan2(met[:, 1], met[:, 0])
+def _alignment(drive: Drive, arm, directions) -> Float[Array, "2"]:
+    """(beta_in, beta_out) of Figure 3.2; zero where there is no tensioner."""
     if drive.tensioner is None:
-        angle = jnp.zeros(2)
-    return arm_normal, arm_tangent, jnp.mod(angle, 2 * jnp.pi), arm_length
+        return jnp.zeros(2)
+    ends, starts = jnp.roll(drive.carried, -1) @ directions, drive.carried @ directions
+    # Going counterclockwise, a clockwise list is met backwards.
+    met = jnp.where(drive.sense > 0, jnp.stack([ends, starts]), -jnp.stack([starts, ends]))
+    angle = jnp.arctan2(arm[1], arm[0]) - jnp.arctan2(met[:, 1], met[:, 0])
+    return jnp.mod(angle, 2 * jnp.pi)

@@ -2,9 +2,9 @@
 
 Dimensionless as in (3.42): x and w are scaled by the span's own length, and
 
-    eps  bending stiffness, sqrt(EI/P0)/l        lam  span length over mean span length l
-    Q    P - s^2 + T, effective tension          k    lam sqrt(Q)/eps, thickness of the ends' layers: 1/k
-    kap_s, kap_e  w'' at x = 0 and x = 1         u    1/k
+    eps  bending stiffness, sqrt(EI/P0)/l     lam  span length over mean span length l
+    Q    P - s^2 + T, effective tension       k    lam sqrt(Q)/eps
+    kap_s, kap_e  w'' at x = 0 and x = 1      u    1/k, thickness of the layers at the ends
 
 The span equation eps^2 w''''/lam^2 = Q w'' has w'' = kap_s S(1-x) + kap_e S(x) with
 S(x) = sinh(kx)/sinh(k). Its integrals are even functions of k, hence smooth functions of
@@ -40,7 +40,7 @@ def layer_width(eps: Real, lam: Real, Q: Real) -> tuple[Real, Real]:
     Finite, with finite derivatives, for eps = 0 and for Q = 0.
     """
     stiff = (eps / lam) ** 2
-    thick = Q <= _SMALL * stiff
+    thick = _SMALL * stiff >= Q
     z = jnp.where(thick, Q / jnp.where(thick, stiff, 1.0), jnp.inf)
     u = jnp.where(thick, 1.0, eps / lam / jnp.sqrt(jnp.where(thick, 1.0, Q)))
     return u, z
@@ -55,7 +55,7 @@ def layers(u: Real, z: Real) -> Layers:
 
 
 def _lambert(z: Real) -> tuple[Real, Real]:
-    """a = (k coth k - 1)/k^2 and r with a = 1/(3 + z r), by Lambert's continued fraction."""
+    """Lambert's continued fraction: a = (k coth k - 1)/k^2 and r with a = 1/(3 + z r)."""
     r = 1.0 / _DEPTH
     for odd in range(_DEPTH - 2, 3, -2):
         r = 1.0 / (odd + z * r)

@@ -1,9 +1,9 @@
 """Steady state of a whole drive, dimensionless, in the letters of chapter 3.
 
-    eps    bending stiffness, sqrt(EI/P0)/l         T    tension all spans gain, over P0
-    s      belt speed, c sqrt(m/P0)                 th   rotation of the arm from the reference state
-    gam    EA/P0                                    lam  span lengths over their mean l
-    k_s    k_r/(P0 r_t)                             P    span tensions of the reference state, over P0
+    eps    bending stiffness, sqrt(EI/P0)/l     T    tension all spans gain, over P0
+    s      belt speed, c sqrt(m/P0)             th   rotation of the arm from the reference state
+    gam    EA/P0                                lam  span lengths over their mean l
+    k_s    k_r/(P0 r_t)                         P    span tensions at rest, over P0
     kap_s, kap_e  curvature sigma l_i/r of the pulleys at each span's ends
     a      (w_i(1) - w_i(0))/th: the span's change of slope per radian of the arm
     D      sin(beta_in) - sin(beta_out);  rho = r_t/l
@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from beltjax.numerics.roots import increasing_root
+from beltjax.numerics.roots import implicit_root, increasing_root
 from beltjax.physics import span
 
 Scalar = Float[Array, ""]
@@ -55,7 +55,7 @@ class SteadySolution(NamedTuple):
     unresolved: Bool[Array, ""] | bool = False  # by a mesh, where there is one
 
 
-def arm_rotation(model: SteadyModel, T: Scalar) -> Scalar:
+def arm_rotation(T: Scalar, model: SteadyModel) -> Scalar:
     """th(T) from the arm's moment balance (3.43), which is linear in th."""
     m = model
     Q = m.P - m.s**2 + T
@@ -65,10 +65,10 @@ def arm_rotation(model: SteadyModel, T: Scalar) -> Scalar:
     return load / (m.k_s + jnp.sum(weight * m.a**2 * Q))
 
 
-def belt_length_residual(model: SteadyModel, T: Scalar) -> Scalar:
+def belt_length_residual(T: Scalar, model: SteadyModel) -> Scalar:
     """(3.41): the spans' stretch by tension, less what their slopes and the arm take up."""
     m = model
-    th = arm_rotation(m, T)
+    th = arm_rotation(T, m)
     layers = span.layers(*span.layer_width(m.eps, m.lam, m.P - m.s**2 + T))
     taken = span.stretch(m.kap_s, m.kap_e, m.a * th, layers)
     return jnp.sum(m.lam * (T / m.gam - taken)) + m.rho * m.D * th
@@ -80,23 +80,25 @@ def exact(model: SteadyModel) -> SteadySolution:
     The equation increases from the tension at which the slackest span has Q = 0. If it is
     positive there already, no state has all its spans tight: `slack`.
     """
-    lowest = jnp.max(model.s**2 - model.P)
+    fixed = jax.lax.stop_gradient(model)
+    lowest = jnp.max(fixed.s**2 - fixed.P)
     # Not at Q = 0 itself, where a string (eps = 0) has no shape.
     floor = lowest + 1e-12 * (1.0 + jnp.abs(lowest))
-    slack = jax.lax.stop_gradient(belt_length_residual(model, floor)) >= 0
-    safe = without_load(model, slack)
-    floor = jnp.where(slack, -0.5, floor)
-    guess = jnp.maximum(string_guess(safe), floor + 0.05)
-    root = increasing_root(lambda T: belt_length_residual(safe, T), floor, guess)
-    T = root.value
+    # The string at rest moves its tension by eta s^2; start there if that is above the floor.
+    guess = jnp.maximum(effectiveness(fixed) * fixed.s**2, floor + 0.05)
+    search = increasing_root(lambda T: belt_length_residual(T, fixed), floor, guess)
+    slack = search.converged & (search.residual > 1e-6) & (search.root <= floor + 1e-6)
+    good = search.converged & ~slack
+    safe = without_load(model, ~good)
+    T = implicit_root(belt_length_residual, safe, jnp.where(good, search.root, 0.0))
     return SteadySolution(
         T=T,
-        th=arm_rotation(safe, T),
+        th=arm_rotation(T, safe),
         Q=safe.P - safe.s**2 + T,
         slack=slack,
-        converged=root.converged,
-        residual=jax.lax.stop_gradient(belt_length_residual(safe, T)),
-        steps=root.steps,
+        converged=search.converged,
+        residual=search.residual,
+        steps=search.steps,
     )
 
 
@@ -156,11 +158,6 @@ def leading_deflection(model: SteadyModel, th: Scalar, Q: Spans, i, x: Array) ->
     layer = -kap_s + (kap_s - kap_e) * x
     layer = layer + kap_s * jnp.exp(-k * x) + kap_e * jnp.exp(-k * (1 - x))
     return (model.w_start[i] + model.a[i] * x) * th + u**2 * layer
-
-
-def string_guess(model: SteadyModel) -> Scalar:
-    """T of a string whose arm moves as fast as it does at rest: eta s^2."""
-    return jax.lax.stop_gradient(effectiveness(model) * model.s**2)
 
 
 def without_load(model: SteadyModel, where: Bool[Array, ""]) -> SteadyModel:

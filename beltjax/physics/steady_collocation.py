@@ -23,8 +23,8 @@ from jaxtyping import Array, Float
 from beltjax.numerics.bvp_blocks import identity, inverse, matvec, mix
 from beltjax.numerics.bvp_chain import Ends, Links, factor_chain, solve_chain
 from beltjax.numerics.bvp_gauss import Gauss
-from beltjax.numerics.roots import increasing_root
-from beltjax.physics.steady import SteadyModel, SteadySolution, string_guess, without_load
+from beltjax.numerics.roots import implicit_root, increasing_root
+from beltjax.physics.steady import SteadyModel, SteadySolution, effectiveness, without_load
 
 Scalar = Float[Array, ""]
 Spans = Float[Array, " spans"]
@@ -163,7 +163,7 @@ def arm_rotation(model: SteadyModel, T: Scalar, Q: Spans, found: Shapes) -> Scal
 
 
 def belt_length_residual(
-    model: SteadyModel, T: Scalar, mesh: Mesh, scheme: Gauss
+    T: Scalar, model: SteadyModel, mesh: Mesh, scheme: Gauss
 ) -> tuple[Scalar, Scalar]:
     """(3.41), and th."""
     Q = model.P - model.s**2 + T
@@ -184,31 +184,31 @@ def collocated(
     `residual` is what the same equations with a stage more leave of (3.41); a state for which
     that is above `tol` is `unresolved`.
     """
-    lowest = jnp.max(model.s**2 - model.P)
-    # A span close to Q = 0 still has a shape, but its mesh does not need it closer.
+    fixed = jax.lax.stop_gradient(model)
+    lowest = jnp.max(fixed.s**2 - fixed.P)
+    # A span close to Q = 0 still has a shape, but no mesh of these needs it closer.
     floor = lowest + 1e-9 * (1.0 + jnp.abs(lowest))
-    held = jax.lax.stop_gradient(model)
-    guess = jnp.maximum(string_guess(held), floor + 0.05)
-    mesh = mesh_for(held, held.P - held.s**2 + guess, intervals, scheme.stages)
-    at_floor, _ = belt_length_residual(held, jax.lax.stop_gradient(floor), mesh, scheme)
-    slack = at_floor >= 0
-    safe = without_load(model, slack)
-    floor = jnp.where(slack, -0.5, floor)
-    guess = jnp.where(slack, 0.0, guess)
-    root = increasing_root(
-        lambda T: belt_length_residual(safe, T, mesh, scheme)[0], floor, guess, tol=1e-7
-    )
-    T = root.value
-    _, th = belt_length_residual(safe, T, mesh, scheme)
-    left, _ = belt_length_residual(*jax.lax.stop_gradient((safe, T)), mesh, finer)
+    guess = jnp.maximum(effectiveness(fixed) * fixed.s**2, floor + 0.05)
+    mesh = mesh_for(fixed, fixed.P - fixed.s**2 + guess, intervals, scheme.stages)
+
+    def residual(T, model):
+        return belt_length_residual(T, model, mesh, scheme)[0]
+
+    search = increasing_root(lambda T: residual(T, fixed), floor, guess, tol=1e-7)
+    slack = search.converged & (search.residual > 1e-6) & (search.root <= floor + 1e-6)
+    good = search.converged & ~slack
+    safe = without_load(model, ~good)
+    T = implicit_root(residual, safe, jnp.where(good, search.root, 0.0))
+    _, th = belt_length_residual(T, safe, mesh, scheme)
+    left, _ = belt_length_residual(*jax.lax.stop_gradient((T, safe)), mesh, finer)
     return SteadySolution(
         T=T,
         th=th,
         Q=safe.P - safe.s**2 + T,
         slack=slack,
-        converged=root.converged,
+        converged=search.converged,
         residual=jnp.abs(left),
-        steps=root.steps,
+        steps=search.steps,
         unresolved=~(jnp.abs(left) <= tol),
     )
 

@@ -1,0 +1,5 @@
+"""`python -m beltjax` is the command line."""
+
+from beltjax.cli import main
+
+main()

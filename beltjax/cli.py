@@ -1,0 +1,154 @@
+"""The command line: `beltjax analyze DRIVE.toml`, `beltjax optimize STUDY.toml`.
+
+Exit status: 0; 1 for an invalid file or argument, with nothing written; 2 for a valid question
+whose answer is a failure, with the JSON written and its `success` false.
+"""
+
+import contextlib
+import os
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NoReturn
+
+import click
+
+INVALID, FAILED, INTERRUPTED = 1, 2, 130
+
+_json_option = click.option(
+    "--json", "json_path", metavar="FILE", help="Write one JSON object; '-' for standard output."
+)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="beltjax")
+def cli() -> None:
+    """Analysis and design of serpentine belt drives."""
+
+
+@cli.command()
+@click.argument("drive_file", metavar="DRIVE.toml")
+@_json_option
+def analyze(drive_file: str, json_path: str | None) -> None:
+    """Layout, tensions, belt-pulley coupling Gamma, and what moves it."""
+    _check_output(json_path)
+    _prepare_jax()
+    with _busy("analyzing; the first run on a machine compiles"):
+        from beltjax.report.jobs import analysis_job
+
+        report = analysis_job(drive_file)
+    _finish(report, json_path)
+
+
+@cli.command()
+@click.argument("study_file", metavar="STUDY.toml")
+@_json_option
+@click.option("--figure", metavar="FILE", help="Picture of the layout before and after.")
+@click.option("--save-drive", metavar="FILE", help="Write the optimized drive as a drive file.")
+def optimize(
+    study_file: str, json_path: str | None, figure: str | None, save_drive: str | None
+) -> None:
+    """The design that minimizes an objective under constraints."""
+    figure = figure or f"{Path(study_file).stem}_layout.png"
+    for path in (json_path, figure, save_drive):
+        _check_output(path)
+    _prepare_jax()
+    with _progress() as advance:
+        from beltjax.report.jobs import study_job
+
+        report = study_job(study_file, figure, save_drive, advance)
+    _finish(report, json_path)
+
+
+def main() -> NoReturn:
+    """Run the command line, turning every error into one line and an exit status."""
+    # Imported late and once: what a command needs of the library costs seconds to load.
+    from beltjax.errors import FileError
+
+    try:
+        cli.main(standalone_mode=False)
+    except click.exceptions.Abort:
+        _quit("interrupted; nothing more was written", INTERRUPTED)
+    except click.ClickException as error:
+        _quit(error.format_message(), INVALID)
+    except FileError as error:
+        _quit(str(error), INVALID)
+    except OSError as error:
+        _quit(f"{error.filename}: cannot be written ({error.strerror})", INVALID)
+    sys.exit(0)
+
+
+def _quit(message: str, status: int) -> NoReturn:
+    click.echo(f"beltjax: {' '.join(message.split())}", err=True)
+    sys.exit(status)
+
+
+def _check_output(path: str | None) -> None:
+    """Refuse an output that cannot be written before the work, not after it."""
+    if path in (None, "-"):
+        return
+    folder = Path(path).resolve().parent
+    if not folder.is_dir() or Path(path).is_dir():
+        raise click.ClickException(
+            f"{path}: cannot be written there; give a file in a folder that exists"
+        )
+
+
+def _prepare_jax() -> None:
+    """Double precision, and compiled code kept in the user's cache for the next run."""
+    import jax
+    from platformdirs import user_cache_dir
+
+    jax.config.update("jax_enable_x64", True)
+    if not os.environ.get("JAX_COMPILATION_CACHE_DIR"):
+        jax.config.update("jax_compilation_cache_dir", user_cache_dir("beltjax"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+
+
+@contextlib.contextmanager
+def _busy(what: str) -> Iterator[None]:
+    """A moving sign on a terminal while one long thing is done."""
+    from rich.console import Console
+
+    with Console(stderr=True).status(what):
+        yield
+
+
+@contextlib.contextmanager
+def _progress() -> Iterator[Any]:
+    """A progress bar on a terminal; hands out a function of (stage, done, total)."""
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    console = Console(stderr=True)
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as bar:
+        task = bar.add_task("reading", total=None)
+
+        def advance(stage: str, done: int, total: int | None) -> None:
+            bar.update(task, description=stage, completed=done, total=total)
+
+        yield advance
+
+
+def _finish(report: Any, json_path: str | None) -> None:
+    """Print the tables, write the JSON, and leave with the right status."""
+    from rich.console import Console
+
+    from beltjax.report.documents import json_text, write_json
+
+    if json_path == "-":
+        click.echo(json_text(report.document))
+    else:
+        Console().print(report.tables)
+        if json_path:
+            write_json(report.document, json_path)
+    if report.failure:
+        _quit(report.failure, FAILED)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,145 @@
+"""What the command line writes as JSON: plain dictionaries with the fixed keys."""
+
+import json
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from beltjax.analysis.sensitivity import named_numbers
+from beltjax.analysis.steady import SteadyState
+from beltjax.drive.components import Drive, OperatingPoint
+from beltjax.results import RESULTS, succeeded
+
+
+def analysis_document(
+    drive: Drive,
+    steady: SteadyState,
+    gradient: tuple[Drive, OperatingPoint],
+) -> dict[str, Any]:
+    """Layout, reference state, groups, steady state and sensitivities of one drive.
+
+    What does not apply is None: the arm of a drive without tensioner, the states beyond one
+    that failed.
+    """
+    running = bool(succeeded(steady.result))
+    rested = bool(succeeded(steady.reference.result))
+    return {
+        "drive": drive.name,
+        "success": running,
+        "layout": _layout(drive, steady),
+        "reference": _reference(drive, steady) if rested or _only_slack(steady) else None,
+        "groups": _groups(steady) if rested else None,
+        "steady": _steady(steady) if running else None,
+        "modes": None,
+        "sensitivities": _sensitivities(gradient) if running else None,
+    }
+
+
+def _only_slack(steady: SteadyState) -> bool:
+    return bool(steady.reference.result == RESULTS.span_slack)
+
+
+def _layout(drive: Drive, steady: SteadyState) -> dict[str, Any]:
+    at = steady.reference.layout
+    lengths = _plain(at.span_lengths)
+    spans = [
+        {"name": name, "length": length}
+        for name, length in zip(drive.span_names, lengths, strict=True)
+    ]
+    return {
+        "spans": spans,
+        "wraps_deg": _plain(np.degrees(at.wraps)),
+        "path_length": _plain(at.path_length),
+        "alignment_angles_deg": None
+        if drive.tensioner is None
+        else _plain(np.degrees(at.alignment)),
+    }
+
+
+def _reference(drive: Drive, steady: SteadyState) -> dict[str, Any]:
+    reference = steady.reference
+    return {
+        "tensions": _plain(reference.tensions),
+        "unstretched_length": _plain(reference.unstretched_length),
+        "arm_angle": _plain(reference.arm_angle),
+        "free_angle": _plain(reference.free_angle),
+        "tensioner_effectiveness": None
+        if drive.tensioner is None
+        else _plain(steady.effectiveness),
+    }
+
+
+def _groups(steady: SteadyState) -> dict[str, Any]:
+    groups, scales = steady.groups, steady.scales
+    return {
+        "bending": _plain(groups.bending),
+        "speed": _plain(groups.speed),
+        "stretch": _plain(groups.stretch),
+        "spring": None if steady.reference.arm_angle is None else _plain(groups.spring),
+        "tensions": _plain(groups.tensions),
+        "length": _plain(scales.length),
+        "time": _plain(scales.time),
+    }
+
+
+def _steady(steady: SteadyState) -> dict[str, Any]:
+    return {
+        "tension_change": _plain(steady.tension_change),
+        "arm_rotation": _plain(steady.arm_rotation),
+        "coupling": _plain(steady.coupling),
+        "coupling_total": _plain(np.sum(steady.coupling)),
+    }
+
+
+def _sensitivities(gradient) -> dict[str, Any]:
+    return {"coupling_total": plain_numbers(*gradient), "frequencies": None}
+
+
+def plain_numbers(drive: Drive, point: OperatingPoint) -> dict[str, Any]:
+    """The numbers of a drive, or of a gradient of one, by their keys in the file."""
+    return {name: _plain(value) for name, value in named_numbers(drive, point).items()}
+
+
+def design_document(design: Any) -> dict[str, Any]:
+    """The outcome of a `beltjax.optimize.Design`."""
+    asked = [constraint for constraint in design.constraints if not constraint.implied]
+    implied = [constraint for constraint in design.constraints if constraint.implied]
+    return {
+        "design": dict(design.values),
+        "objective": {"initial": design.initial, "final": design.final},
+        "constraints": [_constraint(constraint) for constraint in asked],
+        "implied_constraints": [_constraint(constraint) for constraint in implied],
+        "success": design.success,
+        "starts": [{"final": start.final, "result": start.result} for start in design.starts],
+    }
+
+
+def _constraint(constraint: Any) -> dict[str, Any]:
+    keys = ("quantity", "value", "lower", "upper", "multiplier", "active", "violation")
+    return {key: getattr(constraint, key) for key in keys}
+
+
+def _plain(value: Any) -> Any:
+    """An array as a number or nested lists; what is not finite becomes None."""
+    if value is None:
+        return None
+    plain = np.asarray(value).tolist()
+    if isinstance(plain, list):
+        return [_plain(item) for item in plain]
+    return plain if math.isfinite(plain) else None
+
+
+def write_json(document: dict[str, Any], path: str | os.PathLike[str]) -> None:
+    """Write one JSON object in one move: the file is complete or absent."""
+    target = Path(path)
+    partial = target.with_name(target.name + ".part")
+    partial.write_text(json_text(document) + "\n", encoding="utf-8")
+    os.replace(partial, target)
+
+
+def json_text(document: dict[str, Any]) -> str:
+    """`document` as JSON text."""
+    return json.dumps(document, indent=2, allow_nan=False)

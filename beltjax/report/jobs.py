@@ -1,0 +1,92 @@
+"""What each command of the command line does, from a file to its report."""
+
+import importlib
+import os
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+from rich.console import RenderableType
+
+from beltjax.analysis.sensitivity import coupling_sensitivity
+from beltjax.drive.files import load_drive, save_drive
+from beltjax.errors import FileError
+from beltjax.numerics.compilation import quickly_compiled
+from beltjax.report.diagnosis import diagnose
+from beltjax.report.documents import analysis_document, design_document, plain_numbers
+from beltjax.report.figures import before_and_after, save_figure
+from beltjax.report.tables import analysis_tables, design_tables
+from beltjax.results import RESULTS, succeeded
+
+
+class Report(NamedTuple):
+    """The answer to one command."""
+
+    document: dict[str, Any]  # the JSON
+    tables: RenderableType
+    failure: str  # one line; empty where all went well
+
+
+def analysis_job(path: str | os.PathLike[str]) -> Report:
+    """Analyze one drive file. Raises `FileError` where the file describes no possible drive."""
+    drive, point = load_drive(path)
+    steady, gradient = jax.device_get(quickly_compiled(coupling_sensitivity)(drive, point))
+    failure = ""
+    if not succeeded(steady.result):
+        why = diagnose(drive, point, steady)
+        if why.impossible:
+            raise FileError(path, why.key, why.message)
+        failure = str(FileError(path, why.key, why.message))
+    document = analysis_document(drive, steady, gradient)
+    tables = analysis_tables(document, plain_numbers(drive, point))
+    return Report(document, tables, failure)
+
+
+def study_job(
+    path: str | os.PathLike[str],
+    figure: str,
+    drive_path: str | None,
+    advance: Callable[[str, int, int | None], None],
+) -> Report:
+    """Run one study, and write the picture of the layout and, if asked, the optimized drive.
+
+    Raises `FileError` for a study that cannot be posed; a study without a solution is a report
+    whose `failure` says which limit is missed and by how much.
+    """
+    optimize = importlib.import_module("beltjax.optimize")
+    study = optimize.load_study(path)
+    design = optimize.minimize(study, advance)
+    document = design_document(design)
+    before = {name: float(optimize.value_of(study.drive, name)) for name in design.values}
+    picture = before_and_after(
+        (study.drive, design.before.reference.layout),
+        (design.drive, design.steady.reference.layout),
+        f"{study.drive.name}: objective {_text(design.initial)} to {_text(design.final)}",
+    )
+    save_figure(picture, figure)
+    if drive_path and design.success:
+        save_drive(drive_path, design.drive, study.point)
+    failure = "" if design.success else str(FileError(path, *_missed(design)))
+    return Report(document, design_tables(document, before), failure)
+
+
+def _text(objective: float | None) -> str:
+    return "-" if objective is None else f"{objective:.4g}"
+
+
+def _missed(design: Any) -> tuple[str, str]:
+    """Key and message of what keeps a design from being a success."""
+    missed = [constraint for constraint in design.constraints if constraint.violation]
+    if design.result != RESULTS.constraints_infeasible or not missed:
+        return "optimizer", RESULTS[design.result]
+    parts = []
+    for constraint in missed:
+        low = constraint.lower is not None and constraint.value < constraint.lower
+        limit = constraint.lower if low else constraint.upper
+        side = "at least" if low else "at most"
+        parts.append(
+            f"{constraint.quantity} must be {side} {limit:.6g} and gets to {constraint.value:.6g}, "
+            f"missed by {constraint.violation:.3g}"
+        )
+    key = f"constraint.{missed[0].quantity}"
+    return key, f"cannot be met: {'; '.join(parts)}; relax a limit or widen the bounds"

@@ -1,0 +1,135 @@
+"""Readable tables of results, for a terminal or a file."""
+
+import math
+from typing import Any
+
+from rich.console import Group
+from rich.table import Table
+
+_LARGEST_SENSITIVITIES = 8
+
+
+def analysis_tables(document: dict[str, Any], sizes: dict[str, Any]) -> Group:
+    """The tables of `beltjax analyze`, from its JSON document and the numbers of the drive."""
+    parts = [_span_table(document), _summary_table(document)]
+    if document["sensitivities"]:
+        parts.append(_sensitivity_table(document["sensitivities"]["coupling_total"], sizes))
+    return Group(*parts)
+
+
+def plain_table(title: str, *columns: str) -> Table:
+    """A table whose first column is words and the others numbers."""
+    table = Table(title=title, title_justify="left", title_style="bold", box=None, padding=(0, 2))
+    for i, column in enumerate(columns):
+        table.add_column(column, justify="left" if i == 0 else "right")
+    return table
+
+
+def _span_table(document: dict[str, Any]) -> Table:
+    table = plain_table(
+        document["drive"], "span", "length [mm]", "tension at rest [N]", "coupling Gamma_i"
+    )
+    spans = document["layout"]["spans"]
+    tensions = (document["reference"] or {}).get("tensions", [None] * len(spans))
+    coupling = (document["steady"] or {}).get("coupling", [None] * len(spans))
+    for span, tension, gamma in zip(spans, tensions, coupling, strict=True):
+        table.add_row(
+            span["name"], f"{1e3 * span['length']:.1f}", number(tension, 1), number(gamma, 4)
+        )
+    return table
+
+
+def _summary_table(document: dict[str, Any]) -> Table:
+    table = plain_table("", "quantity", "value", "unit")
+    layout, reference = document["layout"], document["reference"] or {}
+    groups, steady = document["groups"] or {}, document["steady"] or {}
+    rows = [
+        ("coupling Gamma, all spans", steady.get("coupling_total"), 4, ""),
+        ("tensioner effectiveness eta", reference.get("tensioner_effectiveness"), 4, ""),
+        ("tension change T", steady.get("tension_change"), 6, "P0"),
+        ("arm rotation theta_t", steady.get("arm_rotation"), 6, "rad"),
+        ("belt length, unstretched", reference.get("unstretched_length"), 6, "m"),
+        ("path length", layout["path_length"], 6, "m"),
+        ("bending eps", groups.get("bending"), 5, ""),
+        ("speed s", groups.get("speed"), 5, ""),
+        ("stretch gamma", groups.get("stretch"), 2, ""),
+    ]
+    for label, value, digits, unit in rows:
+        if value is not None:
+            table.add_row(label, number(value, digits), unit)
+    return table
+
+
+def _sensitivity_table(slopes: dict[str, Any], sizes: dict[str, Any]) -> Table:
+    table = plain_table(
+        "What moves Gamma most, per 1 % of each number",
+        "number",
+        "change of Gamma",
+        "d Gamma/d number (SI)",
+    )
+    rows = [
+        (name, 0.01 * size * slope, slope)
+        for name in slopes
+        for name, size, slope in _components(name, sizes[name], slopes[name])
+        if size and slope
+    ]
+    rows.sort(key=lambda row: -abs(row[1]))
+    for name, change, slope in rows[:_LARGEST_SENSITIVITIES]:
+        table.add_row(name, f"{change:+.3e}", f"{slope:+.4g}")
+    return table
+
+
+def _components(name: str, size: Any, slope: Any) -> list[tuple[str, float, float]]:
+    if not isinstance(slope, list):
+        return [(name, size, slope)]
+    parts = zip(size, slope, strict=True)
+    return [(f"{name}[{i}]", *part) for i, part in enumerate(parts)]
+
+
+def design_tables(document: dict[str, Any], before: dict[str, float]) -> Group:
+    """The tables of `beltjax optimize`: the design, its constraints, and how the starts ended."""
+    return Group(
+        _design_table(document, before), _constraint_table(document), _start_table(document)
+    )
+
+
+def _design_table(document: dict[str, Any], before: dict[str, float]) -> Table:
+    table = plain_table("Design", "variable", "before", "after", "(SI, rad)")
+    for name, value in document["design"].items():
+        table.add_row(name, f"{before[name]:.6g}", f"{value:.6g}")
+    objective = document["objective"]
+    initial = "-" if objective["initial"] is None else f"{objective['initial']:.6g}"
+    table.add_row("objective", initial, f"{objective['final']:.6g}", style="bold")
+    return table
+
+
+def _constraint_table(document: dict[str, Any]) -> Table:
+    table = plain_table(
+        "Constraints", "quantity", "value", "lower", "upper", "", "d objective/d limit"
+    )
+    active_implied = [c for c in document["implied_constraints"] if c["active"] or c["violation"]]
+    for constraint in document["constraints"] + active_implied:
+        state = "not met" if constraint["violation"] else "active" if constraint["active"] else ""
+        bounds = [
+            "-" if constraint[k] is None else f"{constraint[k]:.6g}" for k in ("lower", "upper")
+        ]
+        price = f"{constraint['multiplier']:+.4g}" if constraint["active"] else ""
+        table.add_row(constraint["quantity"], f"{constraint['value']:.6g}", *bounds, state, price)
+    return table
+
+
+def _start_table(document: dict[str, Any]) -> Table:
+    table = plain_table("Starts", "ended", "how many", "best objective")
+    endings: dict[str, list[float]] = {}
+    for start in document["starts"]:
+        values = endings.setdefault(start["result"], [])
+        values.append(math.inf if start["final"] is None else start["final"])
+    for ending, values in endings.items():
+        best = min(values)
+        table.add_row(ending, str(len(values)), "-" if math.isinf(best) else f"{best:.6g}")
+    return table
+
+
+def number(value: float | None, digits: int) -> str:
+    """`value` with fixed digits, or a dash."""
+    return "-" if value is None else f"{value:.{digits}f}"
