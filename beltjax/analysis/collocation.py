@@ -17,7 +17,7 @@ class Collocation(AbstractSteadyMethod):
     `RESULTS.mesh_exhausted`. The mesh is held under differentiation.
     """
 
-    intervals: int = eqx.field(static=True, default=32)
+    intervals: int = eqx.field(static=True, default=24)
     stages: int = eqx.field(static=True, default=4)
     tol: float = eqx.field(static=True, default=1e-9)
 

@@ -81,9 +81,9 @@ def factor_chain(links: Links, ends: Ends) -> ChainFactor:
     unit = identity(n, links.A[:, :, :1])
     padding = Links(-unit, unit, jnp.zeros((n, k, 1), unit.dtype))
     within = Links(*(grouped(x, fill) for x, fill in zip(links, padding, strict=True)))
-    outer, first = _merge(within)
+    outer, first = merge_links(within)
     across = Links(*(jnp.moveaxis(x, -1, 0)[..., None] for x in outer))
-    outer, second = _merge(across)
+    outer, second = merge_links(across)
     top = jnp.concatenate([x[..., 0] for x in outer], axis=1)
     matrix = jnp.concatenate([top, jnp.concatenate(ends, axis=1)])
     # Conditions come in any units: rows of size one let the pivoting compare them.
@@ -99,19 +99,19 @@ def solve_chain(
     n, N = g.shape
     groups, length = group_sizes(N)
     g = jnp.pad(g, ((0, 0), (0, groups * length - N))).reshape(n, groups, length)
-    g, inner = _forward(factor.groups, jnp.moveaxis(g, -1, 0))
-    g, outer = _forward(factor.whole, jnp.moveaxis(g, -1, 0)[..., None])
+    g, inner = carry_forward(factor.groups, jnp.moveaxis(g, -1, 0))
+    g, outer = carry_forward(factor.whole, jnp.moveaxis(g, -1, 0)[..., None])
     solved = matvec(factor.ends, jnp.concatenate([g, conditions[:, None]]))
     y_first, y_last, p = solved[:n], solved[n : 2 * n], solved[2 * n :]
-    joints = _backward(factor.whole, outer, y_first, y_last, p)  # [groups-1, n, 1]
+    joints = carry_back(factor.whole, outer, y_first, y_last, p)  # [groups-1, n, 1]
     joints = jnp.concatenate([y_first[None], joints, y_last[None]])[..., 0].T  # [n, groups+1]
-    middle = _backward(factor.groups, inner, joints[:, :-1], joints[:, 1:], p)
+    middle = carry_back(factor.groups, inner, joints[:, :-1], joints[:, 1:], p)
     y = jnp.concatenate([joints[None, :, :-1], middle])  # [length, n, groups]
     y = jnp.moveaxis(y, 0, -1).reshape(n, groups * length)
     return jnp.concatenate([y, joints[:, -1:]], axis=1)[:, : N + 1], p[:, 0]
 
 
-def _merge(links: Links) -> tuple[Links, Merges]:
+def merge_links(links: Links) -> tuple[Links, Merges]:
     """Merge the links of a sequence (leading axis) into one, lane by lane."""
     n = links.A.shape[1]
 
@@ -129,7 +129,8 @@ def _merge(links: Links) -> tuple[Links, Merges]:
     return jax.lax.scan(step, start, Links(*(x[1:] for x in links)))
 
 
-def _forward(merges: Merges, g: Float[Array, "steps+1 n lanes"]):
+def carry_forward(merges: Merges, g: Float[Array, "steps+1 n lanes"]):
+    """Right-hand sides (of the merged link, of each middle node) for those of the links."""
     n = g.shape[1]
 
     def step(acc, given):
@@ -140,7 +141,8 @@ def _forward(merges: Merges, g: Float[Array, "steps+1 n lanes"]):
     return jax.lax.scan(step, g[0], (merges.rows, g[1:]))
 
 
-def _backward(merges: Merges, tops, y_first, y_last, p):
+def carry_back(merges: Merges, tops, y_first, y_last, p):
+    """The middle nodes, from the nodes at the merged link's ends and p."""
     known = tops - sum(merges.first[:, :, j] * y_first[j] for j in range(len(y_first)))
     known = known - sum(merges.par[:, :, j] * p[j] for j in range(len(p)))
 

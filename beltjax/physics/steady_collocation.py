@@ -21,7 +21,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from beltjax.numerics.bvp_blocks import identity, inverse, matvec, mix
-from beltjax.numerics.bvp_chain import Ends, Links, factor_chain, solve_chain
+from beltjax.numerics.bvp_chain import Links, carry_back, carry_forward, merge_links
 from beltjax.numerics.bvp_gauss import Gauss
 from beltjax.numerics.roots import implicit_root, increasing_root
 from beltjax.physics.steady import SteadyModel, SteadySolution, effectiveness, without_load
@@ -115,38 +115,44 @@ def _accumulate(steps: Float[Array, "spans N"]) -> Float[Array, "spans N+1"]:
 
 
 def _chained(transfer: Float[Array, "2 2 spans N"], kap_s: Spans, kap_e: Spans):
-    """Node values that the transfer matrices link, with m given at both ends."""
-    spans, N = transfer.shape[2:]
+    """Node values (m, mu) that the transfer matrices link, with m given at both ends.
 
-    def left(y):
+    The spans are the lanes of one pass along their intervals.
+    """
+    spans, N = transfer.shape[2:]
+    size = 2 * spans * N
+
+    def left(flat):
+        y = flat.reshape(2, spans, N + 1)
         links = y[:, :, 1:] - matvec(transfer, y[:, :, :-1])
         return jnp.concatenate([links.reshape(-1), y[0, :, 0], y[0, :, -1]])
 
-    one = identity(2, transfer)
-    A, B = jnp.moveaxis(-transfer, 2, 0), jnp.moveaxis(one, 2, 0)
-    E = jnp.zeros((spans, 2, 0, N))
-    ends = Ends(
-        jnp.array([[1.0, 0.0], [0.0, 0.0]]), jnp.array([[0.0, 0.0], [1.0, 0.0]]), jnp.zeros((2, 0))
+    A = jnp.moveaxis(-transfer, -1, 0)
+    links = Links(A, jnp.broadcast_to(identity(2, A[0]), A.shape), jnp.zeros((N, 2, 0, spans)))
+    outer, merges = jax.lax.stop_gradient(merge_links(links))
+    # What is left of a span is two equations in (m_0, mu_0, m_N, mu_N).
+    unknown = jnp.stack([outer.A[:, 1], outer.B[:, 1]], axis=1)
+    cofactors = jnp.stack(
+        [jnp.stack([unknown[1, 1], -unknown[0, 1]]), jnp.stack([-unknown[1, 0], unknown[0, 0]])]
     )
-    factor = jax.vmap(lambda A, B, E: factor_chain(Links(A, B, E), ends))(A, B, E)
-    factor = jax.lax.stop_gradient(factor)
+    ends = cofactors / (unknown[0, 0] * unknown[1, 1] - unknown[0, 1] * unknown[1, 0])
 
     def solved(right):
-        links = jnp.moveaxis(right[: -2 * spans].reshape(2, spans, N), 1, 0)
-        values = right[-2 * spans :].reshape(2, spans).T
-        y, _ = jax.vmap(solve_chain)(factor, links, values)
-        return jnp.moveaxis(y, 0, 1)
+        g = jnp.moveaxis(right[:size].reshape(2, spans, N), -1, 0)
+        m_first, m_last = right[size:].reshape(2, spans)
+        g, tops = carry_forward(merges, g)
+        mu_first, mu_last = matvec(ends, g - outer.A[:, 0] * m_first - outer.B[:, 0] * m_last)
+        first, last = jnp.stack([m_first, mu_first]), jnp.stack([m_last, mu_last])
+        middle = carry_back(merges, tops, first, last, jnp.zeros((0, spans)))
+        y = jnp.concatenate([first[None], middle, last[None]])
+        return jnp.moveaxis(y, 0, -1).reshape(-1)
 
-    # The unknowns as a vector, in the order of the equations' sizes; any bijection will do.
-    def matvec_flat(flat):
-        return left(flat.reshape(2, spans, N + 1))
-
-    right = jnp.concatenate([jnp.zeros(2 * spans * N), kap_s, kap_e])
+    right = jnp.concatenate([jnp.zeros(size), kap_s, kap_e])
     y = jax.lax.custom_linear_solve(
-        matvec_flat,
+        left,
         right,
-        lambda _, b: solved(b).reshape(-1),
-        lambda _, c: jax.linear_transpose(lambda b: solved(b).reshape(-1), right)(c)[0],
+        lambda _, b: solved(b),
+        lambda _, c: jax.linear_transpose(solved, right)(c)[0],
     )
     return y.reshape(2, spans, N + 1)
 
