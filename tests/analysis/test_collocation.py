@@ -1,0 +1,133 @@
+"""The steady state by collocation against the closed form, which shares no formula with it."""
+
+import functools
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import beltjax as bj
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+BENDING = [0.001, 0.005, 0.02, 0.1, 0.3]
+
+
+@functools.cache
+def drive(name):
+    return bj.load_drive(EXAMPLES / f"{name}.toml")
+
+
+@functools.cache
+def bending_scale(name):
+    return float(bj.steady_state(*drive(name)).groups.bending)
+
+
+def with_bending(name, eps):
+    given, point = drive(name)
+    stiffness = given.belt.bending_stiffness * (eps / bending_scale(name)) ** 2
+    return eqx.tree_at(lambda d: d.belt.bending_stiffness, given, stiffness), point
+
+
+def numbers(steady):
+    """T, theta_t and every Gamma_i."""
+    return jnp.concatenate(
+        [jnp.stack([steady.tension_change, steady.arm_rotation]), steady.coupling]
+    )
+
+
+@functools.cache
+def value_and_slopes(method):
+    """Value and derivatives along two directions in the space of drives, compiled once."""
+
+    def evaluate(given, point, directions):
+        arrays, static = eqx.partition(given, eqx.is_inexact_array)
+
+        def of(arrays):
+            return numbers(bj.steady_state(eqx.combine(arrays, static), point, method))
+
+        value, push = jax.linearize(of, arrays)
+        reverse = jax.vjp(of, arrays)[1](jnp.ones_like(value))[0]
+        return value, jax.vmap(push)(directions), reverse
+
+    return eqx.filter_jit(evaluate)
+
+
+def directions(given):
+    """Each number of the drive in turn would compile as one: here, seeded mixtures of all."""
+    arrays = eqx.filter(given, eqx.is_inexact_array)
+    leaves, tree = jax.tree.flatten(arrays)
+    rng = np.random.default_rng(0)
+    return jax.tree.unflatten(
+        tree, [0.01 * rng.normal(size=(4, *leaf.shape)) * np.asarray(leaf) for leaf in leaves]
+    )
+
+
+@pytest.mark.parametrize("eps", BENDING)
+@pytest.mark.parametrize("name", ["three_pulley", "seven_pulley"])
+def test_equals_the_closed_form_with_its_derivatives(name, eps):
+    given, point = with_bending(name, eps)
+    along = directions(given)
+    value, slopes, gradient = value_and_slopes(bj.Collocation())(given, point, along)
+    exact, exact_slopes, exact_gradient = value_and_slopes(bj.Exact())(given, point, along)
+    np.testing.assert_allclose(value, exact, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(slopes, exact_slopes, rtol=1e-7, atol=1e-9)
+    for found, wanted in zip(
+        jax.tree.leaves(gradient), jax.tree.leaves(exact_gradient), strict=True
+    ):
+        scale = max(1e-6, float(np.max(np.abs(wanted))))
+        assert np.max(np.abs(found - wanted)) < 1e-7 * scale
+
+
+@pytest.mark.parametrize("eps", [0.005, 0.1])
+def test_deflection_is_the_closed_form(eps):
+    given, point = with_bending("three_pulley", eps)
+    x = jnp.linspace(0.0, 1.0, 57)
+    found = bj.steady_state(given, point, bj.Collocation())
+    exact = bj.steady_state(given, point)
+    for span in range(3):
+        np.testing.assert_allclose(
+            found.deflection(span, x), exact.deflection(span, x), rtol=0, atol=1e-8
+        )
+
+
+def test_too_few_intervals_for_the_layers_are_reported_and_not_returned():
+    given, point = with_bending("three_pulley", 0.1)
+    coarse = bj.Collocation(intervals=4, stages=2)
+    steady = bj.steady_state(given, point, coarse, throw=False)
+    assert steady.result == bj.RESULTS.mesh_exhausted
+    exact = bj.steady_state(given, point)
+    error = abs(float(steady.error))
+    assert error > coarse.tol
+    assert np.isfinite(np.asarray(numbers(steady))).all()
+    assert float(exact.tension_change) > 0
+
+
+def test_slack_lane_leaves_its_neighbors_alone():
+    given, point = drive("three_pulley")
+    speeds = jnp.array([10.0, 20.0, 400.0, 30.0])
+
+    def total(speed, method):
+        at = eqx.tree_at(lambda p: p.belt_speed, point, speed)
+        steady = bj.steady_state(given, at, method, throw=False)
+        return steady.coupling.sum() + steady.tension_change, steady.result == bj.RESULTS.span_slack
+
+    def evaluate(method):
+        run = jax.vmap(jax.value_and_grad(functools.partial(total, method=method), has_aux=True))
+        return jax.jit(run)(speeds)
+
+    (value, slack), slope = evaluate(bj.Collocation())
+    (exact, exact_slack), exact_slope = evaluate(bj.Exact())
+    assert slack.tolist() == exact_slack.tolist() == [False, False, True, False]
+    assert float(slope[2]) == 0.0
+    np.testing.assert_allclose(value, exact, rtol=1e-9)
+    np.testing.assert_allclose(slope, exact_slope, rtol=1e-7)
+
+
+def test_settings_that_cannot_be_are_refused():
+    with pytest.raises(ValueError, match="intervals must be at least 4, not 2"):
+        bj.Collocation(intervals=2)
+    with pytest.raises(ValueError, match="stages must be from 2 to 7, not 9"):
+        bj.Collocation(stages=9)
