@@ -49,7 +49,7 @@ class BVPSolution(eqx.Module):
     condition: Float[Array, ""]  # response of y to unit changes of the equations, lower bound
     result: RESULTS
     stats: dict[str, Array]  # newton_steps, mesh_sweeps
-    problem: Problem
+    interval: tuple[Float[Array, ""], Float[Array, ""]]
     mesh: Float[Array, " nodes"]
     slopes: Float[Array, "stages n nodes-1"]  # y' at the collocation points
 
@@ -61,10 +61,11 @@ class BVPSolution(eqx.Module):
     def __call__(self, x: Float[Array, "..."]) -> Array:
         """y(x): [n] for a number, [n, m] for x [m]."""
         x = as_double(x)
-        fractions = (x - self.problem.a) / (self.problem.b - self.problem.a)
+        length = self.interval[1] - self.interval[0]
+        fractions = (x - self.interval[0]) / length
         z = Unknowns(self.y, self.slopes, self.parameters)
         scheme = gauss(self.slopes.shape[0])
-        y, _ = interpolate(self.problem, scheme, self.mesh, z, jnp.atleast_1d(fractions))
+        y, _ = interpolate(length, scheme, self.mesh, z, jnp.atleast_1d(fractions))
         return y[:, 0] if x.ndim == 0 else y
 
 
@@ -160,10 +161,10 @@ def as_solution(
     """What the search found, with the verdict on it."""
     held = jax.lax.stop_gradient((evidence, z))
     good = usable(evidence)
-    cond = jnp.where(good, condition(gauss(z.K.shape[0]), *held), jnp.inf)
+    cond = condition(gauss(z.K.shape[0]), *held)
     cond = jnp.where(jnp.isfinite(cond), cond, jnp.inf)
     fine = evidence.error <= tol
-    singular = ~evidence.regular | (good & ~fine & (cond > SINGULAR))
+    singular = ~evidence.regular | (~(good & fine) & (cond > SINGULAR))
     result = first_failure(
         (~evidence.finite, RESULTS.equations_nonfinite),
         (singular, RESULTS.singular_system),
@@ -179,7 +180,7 @@ def as_solution(
         condition=cond,
         result=result,
         stats={"newton_steps": evidence.passes, "mesh_sweeps": evidence.sweeps},
-        problem=problem,
+        interval=(problem.a, problem.b),
         mesh=evidence.mesh,
         slopes=z.K,
     )

@@ -15,21 +15,29 @@ from jaxtyping import Array, Float, Int
 Blocks = Float[Array, "rows columns *lanes"]
 
 
+# Sums over more terms than this run as a loop: unrolled they are fast, but slow to compile.
+_UNROLLED = 4
+
+
 def matmul(a: Blocks, b: Blocks) -> Blocks:
     """a b, block by block."""
-    return sum(a[:, j, None] * b[None, j] for j in range(b.shape[0]))  # pyright: ignore
+    terms = b.shape[0]
+    if terms > _UNROLLED:
+        return jnp.sum(a[:, :, None] * b[None], axis=1)
+    return sum(a[:, j, None] * b[None, j] for j in range(terms))  # pyright: ignore
 
 
 def matvec(a: Blocks, x: Float[Array, "columns *lanes"]) -> Float[Array, "rows *lanes"]:
     """a x, block by block."""
-    return sum(a[:, j] * x[j] for j in range(x.shape[0]))  # pyright: ignore
+    terms = x.shape[0]
+    if terms > _UNROLLED:
+        return jnp.sum(a * x, axis=1)
+    return sum(a[:, j] * x[j] for j in range(terms))  # pyright: ignore
 
 
 def mix(weights: np.ndarray, x: Float[Array, "columns *rest"]) -> Float[Array, "rows *rest"]:
     """Rows of `weights` applied to the leading axis of `x`; one row gives one result."""
-    if weights.ndim == 1:
-        return sum(w * x[j] for j, w in enumerate(weights))  # pyright: ignore
-    return jnp.stack([mix(row, x) for row in weights])
+    return jnp.tensordot(jnp.asarray(weights), x, 1)
 
 
 def identity(n: int, like: Blocks) -> Blocks:

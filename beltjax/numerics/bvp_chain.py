@@ -7,7 +7,8 @@ Two neighboring links are merged into one by eliminating the node between them: 
 transformation of [B_i; A_{i+1}] leaves n equations that hold that node and n that do not. This
 is stable whatever the growth along the chain (Wright, 1992), takes conditions that do not
 separate, and costs O(N). Links are merged in about sqrt(N) groups side by side, then the groups:
-the chain is sequential, but most of the work runs across groups (and across a batch).
+the chain is sequential, but most of the work runs across groups (and across a batch). Both
+rounds run through one compiled loop.
 """
 
 import math
@@ -55,41 +56,48 @@ class Merges(NamedTuple):
 class ChainFactor(NamedTuple):
     """A factored chain."""
 
-    groups: Merges
-    whole: Merges
+    rounds: Merges  # stacked: within the groups, then of the groups
     ends: Float[Array, "m+n m+n 1"]  # inverse of the equations for y_0, y_N and p
 
 
-def group_sizes(links: int) -> tuple[int, int]:
-    """(groups, links a group) whose product is at least `links`."""
-    length = max(1, math.isqrt(links))
-    return -(-links // length), length
+def group_size(links: int) -> int:
+    """Links a group, and groups: the smallest number whose square is at least `links`."""
+    return math.isqrt(max(links, 1) - 1) + 1
 
 
 def factor_chain(links: Links, ends: Ends) -> ChainFactor:
     """Eliminate every node but the two ends."""
     n, k, N = links.E.shape
-    groups, length = group_sizes(N)
+    side = group_size(N)
+    # Links that only pass the last node's value on fill the last group, and the second round.
+    unit = identity(n, links.A[:, :, :1])
+    idle = Links(-unit, unit, jnp.zeros((n, k, 1), unit.dtype))
 
     def grouped(x, fill):
-        spare = groups * length - N
-        if spare:
-            x = jnp.concatenate([x, jnp.broadcast_to(fill, (*x.shape[:2], spare))], axis=2)
-        return jnp.moveaxis(x.reshape(*x.shape[:2], groups, length), -1, 0)
+        spare = jnp.broadcast_to(fill, (*x.shape[:2], side * side - N))
+        x = jnp.concatenate([x, spare], axis=2).reshape(*x.shape[:2], side, side)
+        return jnp.moveaxis(x, -1, 0)
 
-    # Links that only pass the last node's value on fill the last group.
-    unit = identity(n, links.A[:, :, :1])
-    padding = Links(-unit, unit, jnp.zeros((n, k, 1), unit.dtype))
-    within = Links(*(grouped(x, fill) for x, fill in zip(links, padding, strict=True)))
-    outer, first = merge_links(within)
-    across = Links(*(jnp.moveaxis(x, -1, 0)[..., None] for x in outer))
-    outer, second = merge_links(across)
-    top = jnp.concatenate([x[..., 0] for x in outer], axis=1)
+    def once(links, _):
+        merged, merges = merge_links(links)
+        onwards = Links(*(_as_sequence(x, fill) for x, fill in zip(merged, idle, strict=True)))
+        return onwards, merges
+
+    start = Links(*(grouped(x, fill) for x, fill in zip(links, idle, strict=True)))
+    merged, rounds = jax.lax.scan(once, start, None, length=2)
+    top = jnp.concatenate([x[0, ..., 0] for x in merged], axis=1)
     matrix = jnp.concatenate([top, jnp.concatenate(ends, axis=1)])
     # Conditions come in any units: rows of size one let the pivoting compare them.
     size = jnp.max(jnp.abs(matrix), axis=1, keepdims=True)
     size = jnp.where(size > 0, size, 1.0)
-    return ChainFactor(first, second, inverse((matrix / size)[..., None]) / size.T[..., None])
+    return ChainFactor(rounds, inverse((matrix / size)[..., None]) / size.T[..., None])
+
+
+def _as_sequence(x: Array, fill: Array) -> Array:
+    """Merged links, one a lane, as a sequence in the first lane; idle links in the others."""
+    x = jnp.moveaxis(x, -1, 0)[..., None]
+    spare = jnp.broadcast_to(fill, (*x.shape[:-1], x.shape[0] - 1))
+    return jnp.concatenate([x, spare], axis=-1)
 
 
 def solve_chain(
@@ -97,18 +105,32 @@ def solve_chain(
 ) -> tuple[Float[Array, "n N+1"], Float[Array, " k"]]:
     """(y, p) of a factored chain."""
     n, N = g.shape
-    groups, length = group_sizes(N)
-    g = jnp.pad(g, ((0, 0), (0, groups * length - N))).reshape(n, groups, length)
-    g, inner = carry_forward(factor.groups, jnp.moveaxis(g, -1, 0))
-    g, outer = carry_forward(factor.whole, jnp.moveaxis(g, -1, 0)[..., None])
-    solved = matvec(factor.ends, jnp.concatenate([g, conditions[:, None]]))
-    y_first, y_last, p = solved[:n], solved[n : 2 * n], solved[2 * n :]
-    joints = carry_back(factor.whole, outer, y_first, y_last, p)  # [groups-1, n, 1]
-    joints = jnp.concatenate([y_first[None], joints, y_last[None]])[..., 0].T  # [n, groups+1]
-    middle = carry_back(factor.groups, inner, joints[:, :-1], joints[:, 1:], p)
-    y = jnp.concatenate([joints[None, :, :-1], middle])  # [length, n, groups]
-    y = jnp.moveaxis(y, 0, -1).reshape(n, groups * length)
-    return jnp.concatenate([y, joints[:, -1:]], axis=1)[:, : N + 1], p[:, 0]
+    side = group_size(N)
+    g = jnp.pad(g, ((0, 0), (0, side * side - N))).reshape(n, side, side)
+    zero = jnp.zeros((n, 1), g.dtype)
+
+    def reduce(g, merges):
+        g, tops = carry_forward(merges, g)
+        return _as_sequence(g, zero), tops
+
+    g, tops = jax.lax.scan(reduce, jnp.moveaxis(g, -1, 0), factor.rounds)
+    solved = matvec(factor.ends, jnp.concatenate([g[0, :, :1], conditions[:, None]]))
+    first, last, p = solved[:n], solved[n : 2 * n], solved[2 * n :]
+
+    def expand(known, given):
+        # Nodes between which each lane's merged link lies, to those of its own links.
+        merges, tops = given
+        left, right = known[:, :-1], known[:, 1:]
+        middle = carry_back(merges, tops, left, right, p)
+        inside = jnp.moveaxis(jnp.concatenate([left[None], middle]), 0, -1)  # [n, lane, link]
+        # Only the second round, done first, has its links in one lane; the other lanes idle.
+        return jnp.concatenate([inside[:, 0], right[:, :1]], axis=1), inside
+
+    idle = jnp.broadcast_to(last, (n, side))
+    start = jnp.concatenate([first, idle], axis=1)
+    _, inside = jax.lax.scan(expand, start, (factor.rounds, tops), reverse=True)
+    y = jnp.concatenate([inside[0].reshape(n, side * side), last], axis=1)
+    return y[:, : N + 1], p[:, 0]
 
 
 def merge_links(links: Links) -> tuple[Links, Merges]:

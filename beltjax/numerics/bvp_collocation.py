@@ -138,23 +138,16 @@ def solve_factored(factor: Factor, scheme: Gauss, right: Residual) -> Unknowns:
     return Unknowns(y, K.reshape(s, n, N), p)
 
 
-def defect(problem: Problem, scheme: Gauss, mesh: Mesh, z: Unknowns, at: Gauss):
-    """u' - f(x, u) at the points of another formula, relative to 1 + |u'|."""
-    moved = transfer(problem, scheme, mesh, z, at)
-    left = residual(problem, at, mesh, moved).stages
-    return jnp.abs(left) / (1.0 + jnp.abs(moved.K))
-
-
-def transfer(problem: Problem, scheme: Gauss, mesh: Mesh, z: Unknowns, to: Gauss) -> Unknowns:
+def transfer(scheme: Gauss, z: Unknowns, to: Gauss) -> Unknowns:
     """The same piecewise polynomial's derivatives at another formula's points."""
     powers = to.points[:, None] ** jnp.arange(scheme.stages)
     return z._replace(K=mix(powers @ scheme.slope.T, z.K))
 
 
 def interpolate(
-    problem: Problem, scheme: Gauss, mesh: Mesh, z: Unknowns, x: Float[Array, " m"]
+    length: Float[Array, ""], scheme: Gauss, mesh: Mesh, z: Unknowns, x: Float[Array, " m"]
 ) -> tuple[Float[Array, "n m"], Float[Array, "n m"]]:
-    """The piecewise polynomial and its derivative, at fractions `x` of the interval."""
+    """The piecewise polynomial and its derivative, at fractions `x` of an interval of `length`."""
     N = mesh.shape[0] - 1
     i = jnp.clip(jnp.searchsorted(mesh, x, side="right") - 1, 0, N - 1)
     width = mesh[i + 1] - mesh[i]
@@ -164,15 +157,15 @@ def interpolate(
     l = jnp.tensordot(jnp.asarray(scheme.slope), powers, 1)
     degree = jnp.arange(1, scheme.stages + 1)
     B = jnp.tensordot(jnp.asarray(scheme.slope) / degree, powers * t, 1)
-    h = (problem.b - problem.a) * width
+    h = length * width
     return z.y[:, i] + h * jnp.sum(B[:, None] * K, axis=0), jnp.sum(l[:, None] * K, axis=0)
 
 
 def remesh(problem: Problem, scheme: Gauss, old: Mesh, z: Unknowns, new: Mesh) -> Unknowns:
     """The same function on another mesh."""
-    y, _ = interpolate(problem, scheme, old, z, new)
+    y, _ = interpolate(problem.b - problem.a, scheme, old, z, new)
     fractions = new[:-1] + scheme.points[:, None] * jnp.diff(new)
-    _, K = interpolate(problem, scheme, old, z, fractions.reshape(-1))
+    _, K = interpolate(problem.b - problem.a, scheme, old, z, fractions.reshape(-1))
     n, s = z.y.shape[0], scheme.stages
     return Unknowns(y, jnp.moveaxis(K.reshape(n, s, -1), 0, 1), z.p)
 

@@ -203,8 +203,6 @@ def _follow(rhs, bc, ends, args, tol, x, y, p, step, *, points, nodes, stages, s
         lambda x, y, p, along: rhs(x, y, p, along.args), closed, ends, along, None, n, k
     )
 
-    statics = []
-
     def advance(point: _Point, _):
         distance = jnp.where(point.first, 0.0, point.step)
         along = _Along(args, point.direction, point.origin, distance)
@@ -216,12 +214,10 @@ def _follow(rhs, bc, ends, args, tol, x, y, p, step, *, points, nodes, stages, s
         kept = point._replace(step=0.5 * point.step)
         point = jax.tree.map(lambda a, b: jnp.where(good, a, b), reached, kept)
         held = jax.tree.map(lambda a, b: jnp.where(good, a, b), z, point.start.z)
-        arrays, static = eqx.partition(as_solution(here, held, evidence, tol), eqx.is_array)
-        statics.append(static)  # the same at every step: functions and sizes
-        return point, (arrays, point.direction[-1], point.arclength, good)
+        solution = as_solution(here, held, evidence, tol)
+        return point, (solution, point.direction[-1], point.arclength, good)
 
-    _, (arrays, slope, arclength, solved) = jax.lax.scan(advance, first, None, length=points)
-    solutions = eqx.combine(arrays, statics[0])
+    _, (solutions, slope, arclength, solved) = jax.lax.scan(advance, first, None, length=points)
     return Branch(solutions, solutions.parameters, slope, arclength, solved)
 
 

@@ -70,7 +70,7 @@ def estimate_error(
     at nodes and collocation points, and to 1 + |p_j|.
     """
     finer = gauss(scheme.stages + 1)
-    moved = transfer(problem, scheme, mesh, z, finer)
+    moved = transfer(scheme, z, finer)
     left, factor = factored(problem, finer, mesh, moved)
     d = solve_factored(factor, finer, left)
     scale = scale_of(z.y)
@@ -168,8 +168,7 @@ def search(
     harmless = Start(start.mesh, jax.tree.map(jnp.nan_to_num, start.z))
     z = jax.tree.map(lambda a, b: jnp.where(good, a, b), z, harmless.z)
     mesh = jnp.where(good, evidence.mesh, harmless.mesh)
-    factor = jax.tree.map(lambda a: jnp.where(good, a, 0.0), evidence.factor)
-    return z, evidence._replace(mesh=mesh, factor=factor)
+    return z, evidence._replace(mesh=mesh)
 
 
 def _held(tree):
@@ -198,6 +197,8 @@ def _with_derivative_jvp(primals, tangents):
     scheme = gauss(z.K.shape[0])
     good = usable(evidence)
     moving, held = _split(problem, t_problem, good)
+    # In a lane that failed no derivative passes, in either direction: not even 0 times nan.
+    t_problem = jax.tree.map(lambda t: jnp.where(good, t, 0.0), t_problem)
 
     def left(moving, z):
         return residual(eqx.combine(moving, held), scheme, evidence.mesh, z)
@@ -206,14 +207,14 @@ def _with_derivative_jvp(primals, tangents):
         return jax.jvp(lambda z: left(moving, z), (z,), (d,))[1]
 
     _, change = jax.jvp(lambda m: left(m, z), (moving,), (t_problem,))
-    dz = _implicit_step(linear, evidence.factor, scheme, jax.tree.map(jnp.negative, change), z)
+    factor = jax.tree.map(lambda a: jnp.where(good, a, 0.0), evidence.factor)
+    dz = _implicit_step(linear, factor, scheme, jax.tree.map(jnp.negative, change), z)
     return z, jax.tree.map(lambda d: jnp.where(good, d, 0.0), dz)
 
 
 def _split(problem: Problem, t_problem: Any, good: Bool[Array, ""]) -> tuple[Any, Any]:
     moves = jax.tree.map(lambda t: t is not None, t_problem, is_leaf=lambda t: t is None)
     moving, held = eqx.partition(problem, moves)
-    # In a lane that failed no derivative passes, in either direction: not even 0 times nan.
     barred = jax.tree.map(lambda a: jnp.where(good, a, jax.lax.stop_gradient(a)), moving)
     return barred, held
 

@@ -1,5 +1,6 @@
 """The steady state by collocation against the closed form, which shares no formula with it."""
 
+import dataclasses
 import functools
 from pathlib import Path
 
@@ -81,16 +82,14 @@ def test_equals_the_closed_form_with_its_derivatives(name, eps):
         assert np.max(np.abs(found - wanted)) < 1e-7 * scale
 
 
-@pytest.mark.parametrize("eps", [0.005, 0.1])
-def test_deflection_is_the_closed_form(eps):
-    given, point = with_bending("three_pulley", eps)
+def test_deflection_is_the_closed_form():
+    given, point = with_bending("three_pulley", 0.1)
     x = jnp.linspace(0.0, 1.0, 57)
-    found = bj.steady_state(given, point, bj.Collocation())
+    found = bj.steady_state(given, point, bj.Collocation(intervals=48))
     exact = bj.steady_state(given, point)
     for span in range(3):
-        np.testing.assert_allclose(
-            found.deflection(span, x), exact.deflection(span, x), rtol=0, atol=1e-8
-        )
+        difference = found.deflection(span, x) - exact.deflection(span, x)
+        assert np.max(np.abs(difference)) < 1e-9
 
 
 def test_too_few_intervals_for_the_layers_are_reported_and_not_returned():
@@ -105,12 +104,19 @@ def test_too_few_intervals_for_the_layers_are_reported_and_not_returned():
     assert float(exact.tension_change) > 0
 
 
+def locked():
+    given, _ = drive("three_pulley")
+    pulleys = tuple(eqx.tree_at(lambda p: p.on_arm, p, jnp.zeros(())) for p in given.pulleys)
+    return dataclasses.replace(given, pulleys=pulleys, tensioner=None)
+
+
 def test_slack_lane_leaves_its_neighbors_alone():
-    given, point = drive("three_pulley")
-    speeds = jnp.array([10.0, 20.0, 400.0, 30.0])
+    """With locked centers centrifugal tension outgrows what the spans' slopes take up (s = 74)."""
+    given = locked()
+    speeds = jnp.array([10.0, 20.0, 4000.0, 30.0, np.nan])
 
     def total(speed, method):
-        at = eqx.tree_at(lambda p: p.belt_speed, point, speed)
+        at = bj.OperatingPoint(belt_speed=speed)
         steady = bj.steady_state(given, at, method, throw=False)
         return steady.coupling.sum() + steady.tension_change, steady.result == bj.RESULTS.span_slack
 
@@ -120,10 +126,17 @@ def test_slack_lane_leaves_its_neighbors_alone():
 
     (value, slack), slope = evaluate(bj.Collocation())
     (exact, exact_slack), exact_slope = evaluate(bj.Exact())
-    assert slack.tolist() == exact_slack.tolist() == [False, False, True, False]
-    assert float(slope[2]) == 0.0
+    assert slack.tolist() == exact_slack.tolist() == [False, False, True, False, False]
+    assert slope[np.array([2, 4])].tolist() == [0.0, 0.0]
     np.testing.assert_allclose(value, exact, rtol=1e-9)
     np.testing.assert_allclose(slope, exact_slope, rtol=1e-7)
+
+
+def test_a_string_has_no_layers_to_resolve():
+    given, point = with_bending("three_pulley", 0.0)
+    steady = bj.steady_state(given, point, bj.Collocation(), throw=False)
+    assert steady.result == bj.RESULTS.mesh_exhausted
+    assert np.isfinite(np.asarray(numbers(steady))).all()
 
 
 def test_settings_that_cannot_be_are_refused():

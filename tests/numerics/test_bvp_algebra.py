@@ -59,7 +59,7 @@ def test_chain_agrees_with_dense_lu(n, k, N, growth):
     assert np.linalg.norm(found - expected) <= bound * np.linalg.norm(expected)
     # Backward error: `found` solves exactly a system within rounding of this one.
     left = np.linalg.norm(M @ found - np.concatenate([g.T.ravel(), c]))
-    assert left <= 1e-14 * np.linalg.norm(M, 2) * np.linalg.norm(found)
+    assert left <= 1e-13 * np.linalg.norm(M, 2) * np.linalg.norm(found)
 
 
 def test_growth_of_e50_in_both_directions_is_stable():
