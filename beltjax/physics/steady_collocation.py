@@ -204,7 +204,7 @@ def collocated(
         return belt_length_residual(T, model, mesh, scheme)[0]
 
     search = increasing_root(lambda T: residual(T, fixed), floor, guess, tol=1e-7)
-    slack = search.converged & (search.residual > 1e-6) & (search.root <= floor + 1e-6)
+    slack = search.converged & (search.residual > 1e-6) & (search.root <= floor + 1e-6 * (1 + jnp.abs(floor)))
     good = search.converged & ~slack
     safe = without_load(model, ~good)
     T = implicit_root(residual, safe, jnp.where(good, search.root, 0.0))

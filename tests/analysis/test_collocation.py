@@ -107,13 +107,14 @@ def test_too_few_intervals_for_the_layers_are_reported_and_not_returned():
 def locked():
     given, _ = drive("three_pulley")
     pulleys = tuple(eqx.tree_at(lambda p: p.on_arm, p, jnp.zeros(())) for p in given.pulleys)
-    return dataclasses.replace(given, pulleys=pulleys, tensioner=None)
+    belt = dataclasses.replace(given.belt, axial_stiffness=600.0)
+    return dataclasses.replace(given, pulleys=pulleys, belt=belt, tensioner=None)
 
 
 def test_slack_lane_leaves_its_neighbors_alone():
-    """With locked centers centrifugal tension outgrows what the spans' slopes take up (s = 74)."""
+    """Locked centers and an elastic belt: at s = 5.6 its stretch outgrows what slopes take up."""
     given = locked()
-    speeds = jnp.array([10.0, 20.0, 4000.0, 30.0, np.nan])
+    speeds = jnp.array([10.0, 20.0, 300.0, 30.0, np.nan])
 
     def total(speed, method):
         at = bj.OperatingPoint(belt_speed=speed)
