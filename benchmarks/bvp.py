@@ -7,13 +7,13 @@ what the persistent cache saves); twelve test problems, single and batched; cost
 number of nodes and of spans as fitted exponents. Times are medians.
 """
 
+import dataclasses
 import resource
 import sys
 import tempfile
 import time
 from pathlib import Path
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -99,17 +99,13 @@ def scipy_steady(model, tol):
 
 
 def steady_total(numbers, drive, point, method):
-    def places(drive):
-        pulleys = drive.pulleys
-        return (
-            drive.belt.bending_stiffness,
-            drive.belt.axial_stiffness,
-            [p.radius for p in pulleys],
-            [p.center for p in pulleys],
-        )
-
     stiffness, stretch, radii, centers = numbers
-    drive = eqx.tree_at(places, drive, (stiffness, stretch, list(radii), list(centers)))
+    belt = dataclasses.replace(drive.belt, bending_stiffness=stiffness, axial_stiffness=stretch)
+    pulleys = tuple(
+        dataclasses.replace(pulley, radius=radius, center=center)
+        for pulley, radius, center in zip(drive.pulleys, radii, centers, strict=True)
+    )
+    drive = dataclasses.replace(drive, belt=belt, pulleys=pulleys)
     steady = bj.steady_state(drive, point, method, throw=False)
     return steady.coupling.sum() + steady.tension_change
 
