@@ -1,7 +1,7 @@
 """The steady state by collocation: a route to it that uses no closed form."""
 
 import equinox as eqx
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from beltjax.analysis.steady import AbstractSteadyMethod
 from beltjax.numerics.bvp_gauss import MOST_STAGES, gauss
@@ -34,9 +34,9 @@ class Collocation(AbstractSteadyMethod):
         scheme, finer = gauss(self.stages), gauss(self.stages + 1)
         return collocation.collocated(model, scheme, finer, self.intervals, self.tol)
 
-    def coupling(self, model: physics.SteadyModel, Q: Array) -> Float[Array, " spans"]:
-        """By the Gauss formula."""
-        return collocation.coupling(model, Q, gauss(self.stages), self.intervals)
+    def coupling(self, model: physics.SteadyModel, solved: physics.SteadySolution):
+        """By the Gauss formula, on the mesh of the solution."""
+        return solved.coupling
 
     def deflection(self, model: physics.SteadyModel, solved, i, x: Array) -> Array:
         """The collocation polynomial."""

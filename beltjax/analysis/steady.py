@@ -21,8 +21,10 @@ class AbstractSteadyMethod(eqx.Module):
         """Common tension and arm rotation."""
 
     @abc.abstractmethod
-    def coupling(self, model: physics.SteadyModel, Q: Array) -> Float[Array, " spans"]:
-        """Gamma_i of the shapes that belong to the effective tensions `Q`."""
+    def coupling(
+        self, model: physics.SteadyModel, solved: physics.SteadySolution
+    ) -> Float[Array, " spans"]:
+        """Gamma_i of the solution's shapes."""
 
     @abc.abstractmethod
     def deflection(self, model: physics.SteadyModel, solved, i, x: Array) -> Array:
@@ -36,9 +38,9 @@ class Exact(AbstractSteadyMethod):
         """(3.41) with (3.42) and (3.43) solved for given T."""
         return physics.exact(model)
 
-    def coupling(self, model, Q):
+    def coupling(self, model, solved):
         """Closed form."""
-        return physics.coupling(model, Q)
+        return physics.coupling(model, solved.Q)
 
     def deflection(self, model, solved, i, x):
         """Closed form."""
@@ -52,9 +54,9 @@ class Perturbation(AbstractSteadyMethod):
         """T0 and th0 of the string."""
         return physics.string(model)
 
-    def coupling(self, model, Q):
+    def coupling(self, model, solved):
         """Leading order in eps."""
-        return physics.leading_coupling(model, Q)
+        return physics.leading_coupling(model, solved.Q)
 
     def deflection(self, model, solved, i, x):
         """Composite expansion."""
@@ -139,7 +141,7 @@ def steady_state(
     )
     good = succeeded(result)
     steady = SteadyState(
-        coupling=jnp.where(good, method.coupling(model, solved.Q), 0.0),
+        coupling=jnp.where(good, method.coupling(model, solved), 0.0),
         tension_change=jnp.where(good, solved.T, 0.0),
         arm_rotation=jnp.where(good, solved.th, 0.0),
         running_tensions=reference.tensions + jnp.where(good, solved.T, 0.0) * scales.tension,

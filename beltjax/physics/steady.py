@@ -53,6 +53,7 @@ class SteadySolution(NamedTuple):
     residual: Scalar  # of (3.41)
     steps: Int[Array, ""]
     unresolved: Bool[Array, ""] | bool = False  # by a mesh, where there is one
+    coupling: Spans | None = None  # Gamma_i, where they come with the solution
 
 
 def arm_rotation(T: Scalar, model: SteadyModel) -> Scalar:

@@ -168,17 +168,24 @@ def arm_rotation(model: SteadyModel, T: Scalar, Q: Spans, found: Shapes) -> Scal
     return load / (mod.k_s + jnp.sum(pull * mod.a * Q))
 
 
-def belt_length_residual(
-    T: Scalar, model: SteadyModel, mesh: Mesh, scheme: Gauss
-) -> tuple[Scalar, Scalar]:
-    """(3.41), and th."""
+class Joined(NamedTuple):
+    """All spans under one T, and what they leave of the equation that joins them."""
+
+    residual: Scalar  # (3.41)
+    th: Scalar
+    coupling: Spans  # Gamma_i
+
+
+def joined(T: Scalar, model: SteadyModel, mesh: Mesh, scheme: Gauss) -> Joined:
+    """The spans and the arm for a given T."""
     Q = model.P - model.s**2 + T
     found = shapes(model, Q, mesh, scheme)
     th = arm_rotation(model, T, Q, found)
     slopes = found.v_stages + (model.a * th)[:, None]
     taken = 0.5 * jnp.sum(found.h * mix(scheme.weights, slopes**2), axis=1)
     residual = jnp.sum(model.lam * (T / model.gam - taken)) + model.rho * model.D * th
-    return residual, th
+    bending = jnp.sum(found.h * mix(scheme.weights, found.m_stages**2), axis=1)
+    return Joined(residual, th, bending)
 
 
 def collocated(
@@ -201,24 +208,25 @@ def collocated(
     mesh = mesh_for(fixed, fixed.P - fixed.s**2 + guess, intervals, scheme.stages)
 
     def residual(T, model):
-        return belt_length_residual(T, model, mesh, scheme)[0]
+        return joined(T, model, mesh, scheme).residual
 
     search = increasing_root(lambda T: residual(T, fixed), floor, guess, tol=1e-7)
     slack = search.converged & (search.residual > 1e-6) & (search.root <= floor + 1e-6 * (1 + jnp.abs(floor)))
     good = search.converged & ~slack
     safe = without_load(model, ~good)
     T = implicit_root(residual, safe, jnp.where(good, search.root, 0.0))
-    _, th = belt_length_residual(T, safe, mesh, scheme)
-    left, _ = belt_length_residual(*jax.lax.stop_gradient((T, safe)), mesh, finer)
+    found = joined(T, safe, mesh, scheme)
+    left = joined(*jax.lax.stop_gradient((T, safe)), mesh, finer).residual
     return SteadySolution(
         T=T,
-        th=th,
+        th=found.th,
         Q=safe.P - safe.s**2 + T,
         slack=slack,
         converged=search.converged,
         residual=jnp.abs(left),
         steps=search.steps,
         unresolved=~stiff | ~(jnp.abs(left) <= tol * (1.0 + jnp.abs(T))),
+        coupling=found.coupling,
     )
 
 
@@ -226,16 +234,9 @@ def _stiffened(model: SteadyModel) -> SteadyModel:
     return model._replace(eps=jnp.where(model.eps > 0, model.eps, 1.0))
 
 
-def coupling(model: SteadyModel, Q: Spans, scheme: Gauss, intervals: int) -> Spans:
-    """Gamma_i, the integral of w_i''^2, by the Gauss formula."""
-    model = _stiffened(model)
-    mesh = mesh_for(model, Q, intervals, scheme.stages)
-    found = shapes(model, Q, mesh, scheme)
-    return jnp.sum(found.h * mix(scheme.weights, found.m_stages**2), axis=1)
-
-
 def deflection(model: SteadyModel, th: Scalar, Q: Spans, i, x: Array, scheme: Gauss, intervals: int):
     """w_i at x in [0, 1]: the collocation polynomial of w, whose slopes are the stages' v."""
+    model = _stiffened(model)
     model = _stiffened(model)
     mesh = mesh_for(model, Q, intervals, scheme.stages)
     found = shapes(model, Q, mesh, scheme)
