@@ -1,7 +1,7 @@
 """The steady state by collocation: a route to it that uses no closed form."""
 
 import equinox as eqx
-from jaxtyping import Array
+from jaxtyping import Array, Float
 
 from beltjax.analysis.steady import AbstractSteadyMethod
 from beltjax.numerics.bvp_gauss import MOST_STAGES, gauss
@@ -34,8 +34,11 @@ class Collocation(AbstractSteadyMethod):
         scheme, finer = gauss(self.stages), gauss(self.stages + 1)
         return collocation.collocated(model, scheme, finer, self.intervals, self.tol)
 
-    def coupling(self, model: physics.SteadyModel, solved: physics.SteadySolution):
+    def coupling(
+        self, model: physics.SteadyModel, solved: physics.SteadySolution
+    ) -> Float[Array, " spans"]:
         """By the Gauss formula, on the mesh of the solution."""
+        assert solved.coupling is not None
         return solved.coupling
 
     def deflection(self, model: physics.SteadyModel, solved, i, x: Array) -> Array:

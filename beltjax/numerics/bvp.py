@@ -6,7 +6,8 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jax.typing import ArrayLike
+from jaxtyping import Array, Float
 
 from beltjax.numerics.bvp_checks import (
     as_double,
@@ -58,7 +59,7 @@ class BVPSolution(eqx.Module):
         """How many nodes the mesh has."""
         return self.mesh.shape[-1]
 
-    def __call__(self, x: Float[Array, "..."]) -> Array:
+    def __call__(self, x: ArrayLike) -> Array:
         """y(x): [n] for a number, [n, m] for x [m]."""
         x = as_double(x)
         length = self.interval[1] - self.interval[0]

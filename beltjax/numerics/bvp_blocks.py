@@ -20,7 +20,7 @@ _UNROLLED = 4
 
 
 def matmul(a: Blocks, b: Blocks) -> Blocks:
-    """a b, block by block."""
+    """The product a b, block by block."""
     terms = b.shape[0]
     if terms > _UNROLLED:
         return jnp.sum(a[:, :, None] * b[None], axis=1)
@@ -28,7 +28,7 @@ def matmul(a: Blocks, b: Blocks) -> Blocks:
 
 
 def matvec(a: Blocks, x: Float[Array, "columns *lanes"]) -> Float[Array, "rows *lanes"]:
-    """a x, block by block."""
+    """The product a x, block by block."""
     terms = x.shape[0]
     if terms > _UNROLLED:
         return jnp.sum(a * x, axis=1)
@@ -50,8 +50,8 @@ def identity(n: int, like: Blocks) -> Blocks:
 def inverse(a: Blocks) -> Blocks:
     """The inverse by Gauss-Jordan exchange with row pivoting; a singular block gives inf or nan.
 
-    Differentiated as an inverse, not through the elimination. Rows stay where they are: each lane remembers which row each step used, and one permutation
-    at the end puts them in order.
+    Differentiated as an inverse, not through the elimination. Rows stay where they are: each
+    lane remembers which row each step used, and one permutation at the end puts them in order.
     """
     m = a.shape[0]
     row = jnp.arange(m).reshape(m, *(1,) * (a.ndim - 2))

@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array
 
 from beltjax.numerics.bvp_collocation import Problem, Unknowns
@@ -18,12 +19,12 @@ FEWEST_NODES = 8
 
 def is_traced(*trees: Any) -> bool:
     """Whether any array in `trees` is known only as a symbol."""
-    return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(trees))
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
 
 
 def as_double(value: Any) -> Array:
     """`value` as a strongly typed double; raises in single precision."""
-    if not jax.config.jax_enable_x64:
+    if not jax.config.jax_enable_x64:  # pyright: ignore
         raise RuntimeError(
             "solve_bvp needs double precision: call jax.config.update('jax_enable_x64', True) "
             "first, or set JAX_ENABLE_X64=1."

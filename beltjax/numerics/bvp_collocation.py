@@ -78,7 +78,7 @@ def stage_points(problem: Problem, scheme: Gauss, mesh: Mesh) -> Float[Array, "s
 
 
 def stage_values(problem: Problem, scheme: Gauss, mesh: Mesh, z: Unknowns) -> Float[Array, "s n N"]:
-    """y at the stages; linear in the unknowns."""
+    """Values y at the stages; linear in the unknowns."""
     return z.y[:, :-1] + interval_lengths(problem, mesh) * mix(scheme.inner, z.K)
 
 
@@ -97,9 +97,7 @@ def residual(problem: Problem, scheme: Gauss, mesh: Mesh, z: Unknowns) -> Residu
     return _assemble(problem, scheme, mesh, z, slopes)
 
 
-def factored(
-    problem: Problem, scheme: Gauss, mesh: Mesh, z: Unknowns
-) -> tuple[Residual, Factor]:
+def factored(problem: Problem, scheme: Gauss, mesh: Mesh, z: Unknowns) -> tuple[Residual, Factor]:
     """The residual and the factored linearization at `z`."""
     n, k = z.y.shape[0], z.p.shape[0]
 
@@ -154,11 +152,11 @@ def interpolate(
     t = (x - mesh[i]) / width
     powers = t ** jnp.arange(scheme.stages)[:, None]  # [s, m]
     K = z.K[:, :, i]  # [s, n, m]
-    l = jnp.tensordot(jnp.asarray(scheme.slope), powers, 1)
+    lagrange = jnp.tensordot(jnp.asarray(scheme.slope), powers, 1)
     degree = jnp.arange(1, scheme.stages + 1)
     B = jnp.tensordot(jnp.asarray(scheme.slope) / degree, powers * t, 1)
     h = length * width
-    return z.y[:, i] + h * jnp.sum(B[:, None] * K, axis=0), jnp.sum(l[:, None] * K, axis=0)
+    return z.y[:, i] + h * jnp.sum(B[:, None] * K, axis=0), jnp.sum(lagrange[:, None] * K, axis=0)
 
 
 def remesh(problem: Problem, scheme: Gauss, old: Mesh, z: Unknowns, new: Mesh) -> Unknowns:

@@ -21,7 +21,7 @@ from beltjax.numerics.bvp_checks import (
 from beltjax.numerics.bvp_collocation import Problem, Residual, Unknowns, solve_factored
 from beltjax.numerics.bvp_gauss import gauss
 from beltjax.numerics.bvp_solve import Evidence, Start, search, usable, with_derivative
-from beltjax.results import raise_unless_successful, succeeded
+from beltjax.results import raise_unless_successful
 
 ON_THE_WAY = 1e-3  # error allowed to the solutions that only lead to the last
 
@@ -183,9 +183,7 @@ def _follow(rhs, bc, ends, args, tol, x, y, p, step, *, points, nodes, stages, s
     def closed(ya, yb, p, along: _Along):
         ends = jnp.concatenate([ya, yb, p])
         travelled = along.direction @ (ends - along.origin)
-        return jnp.concatenate(
-            [bc(ya, yb, p, along.args), (travelled - along.distance)[None]]
-        )
+        return jnp.concatenate([bc(ya, yb, p, along.args), (travelled - along.distance)[None]])
 
     begin = first_start(x, y, p, nodes, stages)
     upwards = jnp.zeros(2 * n + k).at[-1].set(1.0)

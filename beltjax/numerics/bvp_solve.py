@@ -147,9 +147,7 @@ def search(
             best.sweeps,
         )
         better = ~settled & (first | (root.converged & (error < best.error)))
-        new_z, new = jax.tree.map(
-            lambda a, b: jnp.where(better, a, b), (root.z, found), (z0, best)
-        )
+        new_z, new = jax.tree.map(lambda a, b: jnp.where(better, a, b), (root.z, found), (z0, best))
         counted = new._replace(passes=best.passes + root.passes, sweeps=best.sweeps + 1)
         done = settled | ~root.converged | (error <= tol)
         return _Sweep(root.z, mesh, (new_z, counted), done)

@@ -35,7 +35,7 @@ _MESH_STEPS = 8  # of Newton's method for the nodes, which need not be exact
 
 
 class Shapes(NamedTuple):
-    """Spans of an arm that has not moved; arrays of nodes are [spans, N+1], of stages [s, spans, N].
+    """Spans of an arm that has not moved, at the nodes and at the stages.
 
     A moved arm adds a th to v.
     """
@@ -158,7 +158,7 @@ def _chained(transfer: Float[Array, "2 2 spans N"], kap_s: Spans, kap_e: Spans):
 
 
 def arm_rotation(model: SteadyModel, T: Scalar, Q: Spans, found: Shapes) -> Scalar:
-    """th from the arm's moment balance (3.43), linear in th."""
+    """Rotation th from the arm's moment balance (3.43), linear in th."""
     mod = model
     pull = mod.lam / mod.rho * mod.a  # cos(beta_in), -cos(beta_out)
     # -Q w' + e^2 w''' is the same at both ends, also after collocation, which keeps linear
@@ -211,7 +211,11 @@ def collocated(
         return joined(T, model, mesh, scheme).residual
 
     search = increasing_root(lambda T: residual(T, fixed), floor, guess, tol=1e-7)
-    slack = search.converged & (search.residual > 1e-6) & (search.root <= floor + 1e-6 * (1 + jnp.abs(floor)))
+    slack = (
+        search.converged
+        & (search.residual > 1e-6)
+        & (search.root <= floor + 1e-6 * (1 + jnp.abs(floor)))
+    )
     good = search.converged & ~slack
     safe = without_load(model, ~good)
     T = implicit_root(residual, safe, jnp.where(good, search.root, 0.0))
@@ -234,7 +238,9 @@ def _stiffened(model: SteadyModel) -> SteadyModel:
     return model._replace(eps=jnp.where(model.eps > 0, model.eps, 1.0))
 
 
-def deflection(model: SteadyModel, th: Scalar, Q: Spans, i, x: Array, scheme: Gauss, intervals: int):
+def deflection(
+    model: SteadyModel, th: Scalar, Q: Spans, i, x: Array, scheme: Gauss, intervals: int
+):
     """w_i at x in [0, 1]: the collocation polynomial of w, whose slopes are the stages' v."""
     model = _stiffened(model)
     model = _stiffened(model)

@@ -1,4 +1,4 @@
-"""Published two-point problems other than Cash and Mazzia's, grouped so that each group compiles once.
+"""Published two-point problems other than Cash and Mazzia's, in groups that compile once each.
 
 A group is one `rhs` and one `bc` that choose by an index in `args`; its members share n and k.
 """
@@ -61,9 +61,7 @@ def _deflecting_beam(x, y, p, e):
     # Cash-Mazzia 31: y' = sin th, th' = M, e M' = -Q, e Q' = (y - 1) cos th - M T
     sec = 1 / jnp.cos(y[1])
     T = sec + e * y[3] * jnp.tan(y[1])
-    return jnp.stack(
-        [jnp.sin(y[1]), y[2], -y[3] / e, ((y[0] - 1) * jnp.cos(y[1]) - y[2] * T) / e]
-    )
+    return jnp.stack([jnp.sin(y[1]), y[2], -y[3] / e, ((y[0] - 1) * jnp.cos(y[1]) - y[2] * T) / e])
 
 
 def _fourth(g):

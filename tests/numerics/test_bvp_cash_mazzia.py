@@ -49,6 +49,7 @@ def solve(number, eps, nodes=65):
 @pytest.mark.parametrize(("number", "eps"), EXACT)
 def test_agrees_with_the_exact_solution(number, eps):
     case, solution = solve(number, eps)
+    assert case.exact is not None
     assert solution.result == RESULTS.successful
     x = np.unique(np.concatenate([np.linspace(*case.interval, 1001), np.asarray(solution.x)]))
     exact = case.exact(x, eps)

@@ -29,8 +29,9 @@ def clamped(ya, yb, p, args):
 def exact_peak(factor, upper=False):
     """y(1/2) = 2 log cosh(z), with 8 z^2/cosh(z)^2 = factor."""
     top = 1.1996786402577338
-    z = brentq(
-        lambda z: 8 * z**2 / np.cosh(z) ** 2 - factor, *((top, 20.0) if upper else (0.0, top)),
+    z: float = brentq(  # pyright: ignore
+        lambda z: 8 * z**2 / np.cosh(z) ** 2 - factor,
+        *((top, 20.0) if upper else (0.0, top)),
         xtol=1e-15,
     )
     return 2 * np.log(np.cosh(z))
@@ -133,7 +134,9 @@ def test_branch_passes_the_fold():
     def rhs(x, y, p, args):
         return bratu(x, y, p, p[0])
 
-    branch = follow_branch(rhs, clamped, UNIT, FLAT, jnp.array([0.5]), step=0.5, points=30, nodes=33)
+    branch = follow_branch(
+        rhs, clamped, UNIT, FLAT, jnp.array([0.5]), step=0.5, points=30, nodes=33
+    )
     assert np.asarray(branch.solved).all()
     factors = np.asarray(branch.parameters)[:, 0]
     upper = np.asarray(branch.slope) < 0

@@ -24,7 +24,7 @@ def _args(which, value):
 
 def with_parameter(which, value, interval, guess, p):
     rhs, bc = problems.with_parameter
-    x = jnp.linspace(*interval, 101)
+    x = jnp.linspace(interval[0], interval[1], 101)
     y = jnp.asarray(np.stack(guess(np.asarray(x))))
     solution = solve_bvp(
         rhs, bc, interval, (x, y), jnp.array([p]), _args(which, value), nodes=NODES
@@ -36,7 +36,7 @@ def with_parameter(which, value, interval, guess, p):
 def four_states(which, value, interval=(0.0, 1.0), guess=None):
     rhs, bc = problems.four_states
     if guess is None:
-        guess = (jnp.linspace(*interval, 201), jnp.zeros((4, 201)))
+        guess = (jnp.linspace(interval[0], interval[1], 201), jnp.zeros((4, 201)))
     args = _args(which, value)
     return solve_bvp(rhs, bc, interval, guess, args=args, nodes=NODES, throw=False)
 
@@ -63,17 +63,26 @@ def test_van_der_pol_period(mu, period):
     y = jnp.asarray(np.interp(X, np.linspace(0, 1, len(orbit[0])), orbit[0]))
     v = jnp.asarray(np.interp(X, np.linspace(0, 1, len(orbit[1])), orbit[1]))
     rhs, bc = problems.with_parameter
-    guess = (jnp.linspace(0.0, 1.0, 101), jnp.stack([jnp.interp(jnp.linspace(0, 1, 101), X, c)
-                                                     for c in (y, v)]))
+    guess = (
+        jnp.linspace(0.0, 1.0, 101),
+        jnp.stack([jnp.interp(jnp.linspace(0, 1, 101), X, c) for c in (y, v)]),
+    )
     solution = solve_bvp(
-        rhs, bc, (0.0, 1.0), guess, jnp.array([1.05 * period]),
-        _args(problems.VAN_DER_POL, mu), nodes=NODES, tol=1e-5,
+        rhs,
+        bc,
+        (0.0, 1.0),
+        guess,
+        jnp.array([1.05 * period]),
+        _args(problems.VAN_DER_POL, mu),
+        nodes=NODES,
+        tol=1e-5,
     )
     assert float(solution.parameters[0]) == pytest.approx(period, abs=2e-7)
 
 
 def _van_der_pol_orbit(mu):
     """A crude orbit over about a period from y' = 0, for a guess."""
+
     def field(t, y):
         return [y[1], mu * (1 - y[0] ** 2) * y[1] - y[0]]
 
@@ -119,8 +128,13 @@ def test_beam_of_graded_stiffness():
 
 @pytest.mark.parametrize(
     ("which", "value"),
-    [(problems.BUCKLED, 0.1), (problems.BUCKLED, 0.02), (problems.POROUS, 10.0),
-     (problems.POROUS, 100.0), (problems.POROUS, 1000.0)],
+    [
+        (problems.BUCKLED, 0.1),
+        (problems.BUCKLED, 0.02),
+        (problems.POROUS, 10.0),
+        (problems.POROUS, 100.0),
+        (problems.POROUS, 1000.0),
+    ],
 )
 def test_four_states_agree_with_scipy(which, value):
     rhs, bc = problems.four_states
@@ -132,8 +146,12 @@ def test_four_states_agree_with_scipy(which, value):
     columns = jax.jit(jax.vmap(lambda x, y: rhs(x, y, None, args), in_axes=(0, 1), out_axes=1))
     ends = jax.jit(lambda a, b: bc(a, b, None, args))
     reference = scipy.integrate.solve_bvp(
-        lambda x, y: np.asarray(_padded(columns, x, y)), lambda a, b: np.asarray(ends(a, b)),
-        x, start, tol=1e-8, max_nodes=20000,
+        lambda x, y: np.asarray(_padded(columns, x, y)),
+        lambda a, b: np.asarray(ends(a, b)),
+        x,
+        start,
+        tol=1e-8,
+        max_nodes=20000,
     )
     assert reference.status == 0
     solution = four_states(which, value, guess=(jnp.asarray(x), jnp.asarray(start)))
