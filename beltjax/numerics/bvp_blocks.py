@@ -17,6 +17,7 @@ Blocks = Float[Array, "rows columns *lanes"]
 
 # Sums over more terms than this run as a loop: unrolled they are fast, but slow to compile.
 _UNROLLED = 4
+_CACHED = 16384  # numbers that stay in a core's cache with their copies
 
 
 def matmul(a: Blocks, b: Blocks) -> Blocks:
@@ -53,6 +54,21 @@ def inverse(a: Blocks) -> Blocks:
     Differentiated as an inverse, not through the elimination. Rows stay where they are: each
     lane remembers which row each step used, and one permutation at the end puts them in order.
     """
+    m = a.shape[0]
+    many = a.reshape(m, m, -1)
+    chunk = max(64, _CACHED // m**2)
+    count = -(-many.shape[2] // chunk)
+    if count < 3:
+        return _exchanged(a)
+    # Each of the m steps visits every block: a chunk that stays in the cache keeps cost linear.
+    spare = count * chunk - many.shape[2]
+    many = jnp.concatenate([many, identity(m, many[:, :, :spare])], axis=2)
+    chunks = jnp.moveaxis(many.reshape(m, m, count, chunk), 2, 0)
+    done = jnp.moveaxis(jax.lax.map(_exchanged, chunks), 0, 2).reshape(m, m, -1)
+    return done[:, :, : done.shape[2] - spare].reshape(a.shape)
+
+
+def _exchanged(a: Blocks) -> Blocks:
     m = a.shape[0]
     row = jnp.arange(m).reshape(m, *(1,) * (a.ndim - 2))
 
