@@ -8,6 +8,7 @@ from .quantities import quantity as quantity
 from .study import Limits as Limits
 from .study import Study as Study
 from .study import load_study as load_study
+from .variables import unit_of as unit_of
 from .variables import value_of as value_of
 from .variables import variable_names as variable_names
 from .variables import with_values as with_values

@@ -46,6 +46,7 @@ def turned(vector: Float[Array, "2"], angle: Float[Array, ""]) -> Float[Array, "
     return jnp.cos(angle) * vector + jnp.sin(angle) * perpendicular(vector)
 
 
+@jax.jit
 def layout(drive: Drive, arm_rotation: Float[Array, ""] | float = 0.0) -> Layout:
     """Path of the belt with the arm turned by `arm_rotation` [rad] from where it is drawn.
 

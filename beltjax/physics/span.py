@@ -82,7 +82,7 @@ def _layers_of_thick(z: Real) -> Layers:
 
 def _layers_of_thin(u: Real) -> Layers:
     """Layer integrals for small u = 1/k; no exponential here ever grows."""
-    decay = jnp.exp(-1.0 / jnp.maximum(u, _NO_LAYER))
+    decay = jnp.where(u > _NO_LAYER, jnp.exp(-1.0 / jnp.maximum(u, _NO_LAYER)), 0.0)
     csch = 2.0 * decay / (1.0 - decay**2)
     coth = (1.0 + decay**2) / (1.0 - decay**2)
     return Layers(

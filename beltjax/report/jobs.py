@@ -57,7 +57,10 @@ def study_job(
     study = optimize.load_study(path)
     design = optimize.minimize(study, advance)
     document = design_document(design)
-    before = {name: float(optimize.value_of(study.drive, name)) for name in design.values}
+    before = {
+        name: (float(optimize.value_of(study.drive, name)), optimize.unit_of(name))
+        for name in design.values
+    }
     picture = before_and_after(
         (study.drive, design.before.reference.layout),
         (design.drive, design.steady.reference.layout),
