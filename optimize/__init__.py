@@ -1,5 +1,6 @@
 """Design variables, objectives, constraints and optimizers; installed as `beltjax.optimize`."""
 
+from . import lagrangian as lagrangian
 from .design import ConstraintReport as ConstraintReport
 from .design import Design as Design
 from .design import StartReport as StartReport

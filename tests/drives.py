@@ -55,7 +55,9 @@ def random_arrays(rng, n, count):
     angle = np.sort(rng.uniform(0, 2 * np.pi, (count, n)), axis=1)
     faces = np.where(rng.uniform(size=(count, n)) < 0.3, -1.0, 1.0)
     faces[:, 0] = 1.0
-    reach = np.where(faces > 0, rng.uniform(0.15, 0.35, (count, n)), rng.uniform(0.02, 0.2, (count, n)))
+    reach = np.where(
+        faces > 0, rng.uniform(0.15, 0.35, (count, n)), rng.uniform(0.02, 0.2, (count, n))
+    )
     centers = reach[..., None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     radii = rng.uniform(0.025, 0.08, (count, n))
     # The tensioner carries an idler with a real wrap, so that it has something to do.

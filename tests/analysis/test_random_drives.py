@@ -67,7 +67,9 @@ class Plain:
         def excess(level):
             P = level + self.offsets
             arc_P = (P + np.roll(P, 1)) / 2
-            return np.sum(lengths / (1 + P / self.EA)) + np.sum(arcs / (1 + arc_P / self.EA)) - self.L0
+            return (
+                np.sum(lengths / (1 + P / self.EA)) + np.sum(arcs / (1 + arc_P / self.EA)) - self.L0
+            )
 
         P = brentq(excess, -0.5 * self.EA, 2.0 * self.EA, xtol=1e-10) + self.offsets
         return P, P @ grows + self.stiffness * (self.wind_up + turn)

@@ -30,7 +30,9 @@ def test_locked_centers_share_the_fall_of_tension():
     assert tight - slack == pytest.approx(2.0 / 0.05, rel=1e-14)
     EA, pi = 25e3, np.pi
     span, arcs = 0.05 * pi, 2 * 0.05 * pi
-    length = sum(span / (1 + P / EA) for P in (slack, tight)) + arcs / (1 + (slack + tight) / 2 / EA)
+    length = sum(span / (1 + P / EA) for P in (slack, tight)) + arcs / (
+        1 + (slack + tight) / 2 / EA
+    )
     assert length == pytest.approx((2 * span + arcs) / (1 + 50 / EA), rel=1e-14)
 
 
@@ -107,7 +109,9 @@ def test_arm_at_its_stop():
     drive, point = example("three_pulley")
     angle = float(bj.layout(drive).arm_angle)
     arm = eqx.tree_at(
-        lambda t: t.stops, drive.tensioner, jnp.array([angle + 0.1, angle + 1.0]),
+        lambda t: t.stops,
+        drive.tensioner,
+        jnp.array([angle + 0.1, angle + 1.0]),
         is_leaf=lambda x: x is None,
     )
     stopped = eqx.tree_at(lambda d: d.tensioner, drive, arm)

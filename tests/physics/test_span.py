@@ -19,7 +19,9 @@ def layer_integrals(k):
         return (k * np.exp(-k * (1 - x)) * (1 + np.exp(-2 * k * x)) / -np.expm1(-2 * k) - 1) / k**2
 
     def integral(f):
-        return quad(f, 0, 1, points=[min(0.5, 3 / k), max(0.5, 1 - 3 / k)], epsabs=0, epsrel=1e-13)[0]
+        return quad(f, 0, 1, points=[min(0.5, 3 / k), max(0.5, 1 - 3 / k)], epsabs=0, epsrel=1e-13)[
+            0
+        ]
 
     return (
         integral(lambda x: bend(x) ** 2),
@@ -52,7 +54,7 @@ def test_no_cancellation_near_zero_tension():
     # eps = 0.1, Q = 1e-8: the textbook formulas give I = -39.
     layers = span.layers(*span.layer_width(jnp.array(0.1), jnp.array(1.0), jnp.array(1e-8)))
     straight = span.stretch(jnp.array(1.0), jnp.array(1.0), jnp.array(0.0), layers)
-    assert float(straight) == pytest.approx((1 / 45 + 7 / 360) , rel=1e-5)
+    assert float(straight) == pytest.approx((1 / 45 + 7 / 360), rel=1e-5)
 
 
 def test_derivatives_agree_where_the_two_forms_meet():

@@ -85,7 +85,9 @@ def test_effectiveness_agrees_with_print_and_is_the_slope_of_tension():
     assert float(tension(1e-6) / 1e-6) == pytest.approx(float(eta), rel=1e-5)
 
 
-@pytest.mark.parametrize(("beta", "critical"), [((135.79, 178.74), 2.3503), (BETA_INEFFECTIVE, 1.0)])
+@pytest.mark.parametrize(
+    ("beta", "critical"), [((135.79, 178.74), 2.3503), (BETA_INEFFECTIVE, 1.0)]
+)
 def test_string_runs_up_to_its_critical_speed(beta, critical):
     def runs(s):
         model = prototype(0.0, s, beta=beta)
