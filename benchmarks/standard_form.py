@@ -4,8 +4,9 @@ The peer of the closed form: 5n + 2 states for n spans, four first-order equatio
 stretch I_i for each, and the constants T and theta_t. Gamma_i are integrated alongside.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from scipy.integrate import solve_bvp
 
@@ -24,7 +25,7 @@ class Peer(NamedTuple):
 
 def solve_standard_form(model: SteadyModel, tol: float = 1e-6, max_nodes: int = 100_000) -> Peer:
     """Steady state of `model` by `scipy.integrate.solve_bvp` from a straight, clustered guess."""
-    m = SteadyModel(*(np.asarray(x) for x in model))
+    m: Any = jax.tree.map(np.asarray, model)
     n = len(m.P)
     weight = m.lam / m.rho
 

@@ -4,6 +4,6 @@ import os
 # Set before JAX starts; it changes rounding at the most.
 os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + " --xla_disable_hlo_passes=fusion"
 
-import jax  # noqa: E402
+import jax
 
 jax.config.update("jax_enable_x64", True)

@@ -20,7 +20,7 @@ EVEN, LOADED = (1.0, 1.0, 1.0), (0.9395, 0.9395, 1.5395)
 
 def prototype(eps, s, P=EVEN, beta=BETA) -> SteadyModel:
     """The source's dimensionless model, with its own rounded k_s, gamma, r_t and angles."""
-    l, (beta_in, beta_out) = SPANS.mean(), np.radians(beta)
+    mean, (beta_in, beta_out) = SPANS.mean(), np.radians(beta)
     curvature = SIDES / RADII
     model = SteadyModel(
         eps=eps,
@@ -28,13 +28,13 @@ def prototype(eps, s, P=EVEN, beta=BETA) -> SteadyModel:
         gam=400.0,
         k_s=4.0,
         P=np.array(P),
-        lam=SPANS / l,
+        lam=SPANS / mean,
         kap_s=SPANS * curvature,
         kap_e=SPANS * np.roll(curvature, -1),
         a=ARM / SPANS * np.array([np.cos(beta_in), -np.cos(beta_out), 0.0]),
         w_start=ARM / SPANS * np.array([0.0, np.cos(beta_out), 0.0]),
         D=np.sin(beta_in) - np.sin(beta_out),
-        rho=ARM / l,
+        rho=ARM / mean,
     )
     return SteadyModel(*(jnp.asarray(value, dtype=float) for value in model))
 

@@ -56,7 +56,7 @@ def layers(u: Real, z: Real) -> Layers:
 
 def _lambert(z: Real) -> tuple[Real, Real]:
     """Lambert's continued fraction: a = (k coth k - 1)/k^2 and r with a = 1/(3 + z r)."""
-    r = 1.0 / _DEPTH
+    r = jnp.full_like(z, 1.0 / _DEPTH)
     for odd in range(_DEPTH - 2, 3, -2):
         r = 1.0 / (odd + z * r)
     return 1.0 / (3.0 + z * r), r

@@ -16,7 +16,7 @@ from beltjax.report.diagnosis import diagnose
 from beltjax.report.documents import analysis_document, design_document, plain_numbers
 from beltjax.report.figures import before_and_after, save_figure
 from beltjax.report.tables import analysis_tables, design_tables
-from beltjax.results import RESULTS, succeeded
+from beltjax.results import RESULTS, explanation, succeeded
 
 
 class Report(NamedTuple):
@@ -81,7 +81,7 @@ def _missed(design: Any) -> tuple[str, str]:
     """Key and message of what keeps a design from being a success."""
     missed = [constraint for constraint in design.constraints if constraint.violation]
     if design.result != RESULTS.constraints_infeasible or not missed:
-        return "optimizer", RESULTS[design.result]
+        return "optimizer", explanation(design.result)
     parts = []
     for constraint in missed:
         low = constraint.lower is not None and constraint.value < constraint.lower

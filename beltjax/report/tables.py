@@ -27,7 +27,7 @@ def plain_table(title: str, *columns: str) -> Table:
 
 def _span_table(document: dict[str, Any]) -> Table:
     table = plain_table(
-        document["drive"], "span", "length [mm]", "tension at rest [N]", "coupling Gamma_i"
+        document["drive"], "span", "length (mm)", "tension at rest (N)", "coupling Gamma_i"
     )
     spans = document["layout"]["spans"]
     tensions = (document["reference"] or {}).get("tensions", [None] * len(spans))

@@ -94,7 +94,7 @@ def test_belts_that_do_not_fit(factor, results):
     drive = with_belt_length(held_by_belt(drive, point), factor)
     state = bj.reference_state(drive, point, throw=False)
     assert any(state.result == getattr(bj.RESULTS, name) for name in results)
-    with pytest.raises(Exception, match="belt|layout"):
+    with pytest.raises(Exception, match=r"belt|layout"):
         bj.reference_state(drive, point)
 
 
