@@ -14,7 +14,6 @@ from beltjax.errors import FileError
 from beltjax.numerics.compilation import quickly_compiled
 from beltjax.report.diagnosis import diagnose
 from beltjax.report.documents import analysis_document, design_document, plain_numbers
-from beltjax.report.figures import before_and_after, save_figure
 from beltjax.report.tables import analysis_tables, design_tables
 from beltjax.results import RESULTS, explanation, succeeded
 
@@ -53,7 +52,9 @@ def study_job(
     Raises `FileError` for a study that cannot be posed; a study without a solution is a report
     whose `failure` says which limit is missed and by how much.
     """
+    # Both are slow to load, and `analyze` needs neither.
     optimize = importlib.import_module("beltjax.optimize")
+    figures = importlib.import_module("beltjax.report.figures")
     study = optimize.load_study(path)
     design = optimize.minimize(study, advance)
     document = design_document(design)
@@ -61,12 +62,12 @@ def study_job(
         name: (float(optimize.value_of(study.drive, name)), optimize.unit_of(name))
         for name in design.values
     }
-    picture = before_and_after(
+    picture = figures.before_and_after(
         (study.drive, design.before.reference.layout),
         (design.drive, design.steady.reference.layout),
         f"{study.drive.name}: objective {_text(design.initial)} to {_text(design.final)}",
     )
-    save_figure(picture, figure)
+    figures.save_figure(picture, figure)
     if drive_path and design.success:
         save_drive(drive_path, design.drive, study.point)
     failure = "" if design.success else str(FileError(path, *_missed(design)))
