@@ -143,7 +143,10 @@ def _finish(report: Any, json_path: str | None) -> None:
     if json_path == "-":
         click.echo(json_text(report.document))
     else:
-        Console().print(report.tables)
+        console = Console()
+        # Piped into a file there is no width to fit; names must not be cut there.
+        console.width = console.width if console.is_terminal else 120
+        console.print(report.tables)
         if json_path:
             write_json(report.document, json_path)
     if report.failure:

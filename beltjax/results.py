@@ -37,6 +37,7 @@ if TYPE_CHECKING:
         belt_does_not_fit: "RESULTS"
         belt_too_long: "RESULTS"
         belt_too_short: "RESULTS"
+        belt_overstretched: "RESULTS"
         arm_at_stop: "RESULTS"
         span_slack: "RESULTS"
         equations_nonfinite: "RESULTS"
@@ -75,6 +76,10 @@ else:
         belt_too_short = (
             "The belt is too short for this layout: it would be stretched by more than a tenth. "
             "Lengthen belt_length or move the pulleys closer together."
+        )
+        belt_overstretched = (
+            "The running belt would be stretched by more than a tenth. Lower the belt speed, or "
+            "raise the tension that keeps its spans straight."
         )
         arm_at_stop = (
             "The tensioner's arm would pass one of its stops. Widen tensioner.stops, or change "
@@ -129,6 +134,11 @@ def raise_unless_successful(value: Value, result: RESULTS, throw: bool) -> Value
     if not throw:
         return value
     return result.error_if(value, result != RESULTS.successful)
+
+
+def explanation(result: RESULTS) -> str:
+    """The text of a result: what happened, and what to try."""
+    return RESULTS[result]  # pyright: ignore[reportReturnType]
 
 
 def succeeded(result: RESULTS) -> Bool[Array, ""]:

@@ -216,7 +216,7 @@ def _report(study: Study, asked: int, scales: Scales, states: Iterate) -> Design
         initial=initial if succeeded(own.result) else None,
         final=final,
         constraints=_constraint_reports(
-            study, asked, scales, measured, states.multipliers[best] * size
+            study, asked, scales, measured, np.asarray(states.multipliers[best]) * size
         ),
         starts=starts,
         result=result,
@@ -249,7 +249,7 @@ def _values(study: Study, x) -> dict[str, float]:
 
 
 def _constraint_reports(
-    study: Study, asked: int, scales: Scales, measured: list[Array], multipliers: np.ndarray
+    study: Study, asked: int, scales: Scales, measured: list[np.ndarray], multipliers: np.ndarray
 ) -> tuple[ConstraintReport, ...]:
     reports, place = [], 0
     for i, name in enumerate(study.constraints.names):

@@ -40,6 +40,7 @@ def _hub_load(drive: Drive, steady: SteadyState, j: int):
 
 def _slip_margin(drive: Drive, steady: SteadyState, j: int):
     friction = drive.pulleys[j].friction
+    assert friction is not None  # as `quantity` holds
     ratio = steady.effective_tensions[j] / steady.effective_tensions[j - 1]
     return friction * steady.reference.layout.wraps[j] - jnp.abs(jnp.log(ratio))
 

@@ -116,7 +116,7 @@ def _with_tensioner_turned(drive: Drive, angle: Float[Array, ""]) -> Drive:
     if drive.tensioner is not None and drive.tensioner.stops is not None:
         stops = drive.tensioner.stops + angle
         drive = eqx.tree_at(lambda d: d.tensioner.stops, drive, stops)
-    if isinstance(drive.installation, BeltGiven):
+    if isinstance(drive.installation, BeltGiven) and drive.installation.free_angle is not None:
         free = drive.installation.free_angle + angle
         drive = eqx.tree_at(lambda d: d.installation.free_angle, drive, free)
     return drive

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from beltjax.drive.components import BeltGiven, Drive, OperatingPoint, TensionGiven
-from beltjax.drive.layout import Layout, layout
+from beltjax.drive.layout import Layout, Outline, Path, belt_path, layout, outline
 from beltjax.numerics.roots import Search, implicit_root, pair_root
 from beltjax.results import RESULTS, first_failure, raise_unless_successful, succeeded
 
@@ -40,10 +40,12 @@ class _Held(NamedTuple):
 class _Problem(NamedTuple):
     """Equations (a) and (c), whose unknowns are the arm's turn and a tension over `scale`."""
 
-    drive: Drive
+    outline: Outline
     held: _Held
     offsets: Float[Array, " spans"]  # of the span tensions above the unknown one [N]
     scale: Float[Array, ""]  # [N]
+    EA: Float[Array, ""]
+    stiffness: Float[Array, ""]  # of the arm's spring [N m/rad]; 1 where there is no arm
 
 
 @eqx.filter_jit
@@ -87,12 +89,12 @@ def _solved_state(drive, point, drawn) -> ReferenceState:
         bare = RESULTS.where(fits, RESULTS.successful, drawn.result)
     else:
         held = _held_by_belt(drawn, rule)
-        unloaded = _Problem(drive, held, jnp.zeros_like(offsets), _likely_tension(drive))
-        base, turn, bare = _bare_state(unloaded, drawn)
+        unloaded = _problem(drive, held, jnp.zeros_like(offsets), _likely_tension(drive))
+        base, turn, bare = _bare_state(drive, unloaded, drawn)
         fits = succeeded(bare)
         held = _replaced(fits, held, _held_by_tensions(drive, drawn, jnp.full_like(offsets, base)))
 
-    problem = _Problem(drive, held, jnp.where(fits, offsets, 0.0), base)
+    problem = _problem(drive, held, jnp.where(fits, offsets, 0.0), base)
     found = _search(problem, turn)
     good = fits & found.converged
     spare = _held_by_tensions(drive, drawn, jnp.full_like(offsets, base))
@@ -114,7 +116,12 @@ def _solved_state(drive, point, drawn) -> ReferenceState:
     return _state(drive, moved, tensions, base, problem.held, error, result, {"steps": found.steps})
 
 
-def _bare_state(problem: _Problem, drawn: Layout):
+def _problem(drive: Drive, held: _Held, offsets, scale) -> _Problem:
+    stiffness = jnp.ones(()) if drive.tensioner is None else drive.tensioner.stiffness
+    return _Problem(outline(drive), held, offsets, scale, drive.belt.axial_stiffness, stiffness)
+
+
+def _bare_state(drive: Drive, problem: _Problem, drawn: Layout):
     """Tension and arm's turn of a given belt without torques, and whether it fits.
 
     Where it does not, the tension is a harmless positive number without derivative.
@@ -122,7 +129,7 @@ def _bare_state(problem: _Problem, drawn: Layout):
     found = _search(problem, jnp.zeros(()))
     turn, level = found.root
     tension = level * problem.scale
-    strain = tension / problem.drive.belt.axial_stiffness
+    strain = tension / problem.EA
     result = first_failure(
         (~succeeded(drawn.result), drawn.result),
         (~found.converged, RESULTS.belt_does_not_fit),
@@ -130,7 +137,7 @@ def _bare_state(problem: _Problem, drawn: Layout):
         (strain > LARGEST_STRAIN, RESULTS.belt_too_short),
     )
     fits = jax.lax.stop_gradient(succeeded(result))
-    spare = _held_by_tensions(problem.drive, drawn, problem.offsets + problem.scale)
+    spare = _held_by_tensions(drive, drawn, problem.offsets + problem.scale)
     turn, tension = _root(problem._replace(held=_replaced(fits, problem.held, spare)), fits, found)
     return tension, turn, result
 
@@ -174,14 +181,13 @@ def _arc_tensions(tensions: Float[Array, " spans"]) -> Float[Array, " pulleys"]:
     return (tensions + jnp.roll(tensions, 1)) / 2
 
 
-def _unstretched(drive: Drive, at: Layout, tensions) -> Float[Array, ""]:
-    """Unstretched length of the belt on this layout at these tensions (c)."""
-    EA = drive.belt.axial_stiffness
+def _unstretched(EA, at: Layout | Path, tensions) -> Float[Array, ""]:
+    """Unstretched length of the belt on this path at these tensions (c)."""
     spans = at.span_lengths / (1 + tensions / EA)
     return jnp.sum(spans) + jnp.sum(at.arc_lengths / (1 + _arc_tensions(tensions) / EA))
 
 
-def _belt_moment(at: Layout, tensions) -> Float[Array, ""]:
+def _belt_moment(at: Layout | Path, tensions) -> Float[Array, ""]:
     """Moment by which the belt resists the arm: sum of P_i dl_i/d(alpha) [N m]."""
     return at.arm_length * jnp.sum(tensions * at.arm_tangent)
 
@@ -191,7 +197,7 @@ def _held_by_tensions(drive: Drive, drawn: Layout, tensions) -> _Held:
     wind_up = jnp.zeros(())
     if drive.tensioner is not None:
         wind_up = -_belt_moment(drawn, tensions) / drive.tensioner.stiffness
-    return _Held(_unstretched(drive, drawn, tensions), wind_up)
+    return _Held(_unstretched(drive.belt.axial_stiffness, drawn, tensions), wind_up)
 
 
 def _held_by_belt(drawn: Layout, rule: BeltGiven) -> _Held:
@@ -213,16 +219,12 @@ def _likely_tension(drive: Drive) -> Float[Array, ""]:
 def _residuals(unknown: Float[Array, "2"], problem: _Problem) -> Float[Array, "2"]:
     """(a) over a tension and the arm, and (c) over the mean span."""
     turn, level = unknown
-    drive, held, offsets, scale = problem
-    at = layout(drive, turn)
-    tensions = level * scale + offsets
-    mean_span = jnp.mean(at.span_lengths)
-    belt = (_unstretched(drive, at, tensions) - held.length) / mean_span
-    if drive.tensioner is None:
-        return jnp.stack([turn, belt])
-    spring = drive.tensioner.stiffness * (held.wind_up + turn)
-    moment = (_belt_moment(at, tensions) + spring) / (scale * at.arm_length)
-    return jnp.stack([moment, belt])
+    at = belt_path(problem.outline, turn)
+    tensions = level * problem.scale + problem.offsets
+    length = _unstretched(problem.EA, at, tensions) - problem.held.length
+    # Without an arm the belt has no moment on it, and a spring alone holds it where it is.
+    moment = _belt_moment(at, tensions) + problem.stiffness * (problem.held.wind_up + turn)
+    return jnp.stack([moment / (problem.scale * at.arm_length), length / jnp.mean(at.span_lengths)])
 
 
 def _search(problem: _Problem, turn: Float[Array, ""]) -> Search:

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from beltjax.analysis.reference import ReferenceState, reference_state
+from beltjax.analysis.reference import LARGEST_STRAIN, ReferenceState, reference_state
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.groups import Groups, Scales, groups_and_scales
 from beltjax.physics import steady as physics
@@ -122,9 +122,10 @@ def steady_state(
     Small slopes, belt speed uniform, no creep on the pulleys. Kong (2003), eqs. (3.41)-(3.43)
     for any number of pulleys; `method` is `Exact()` unless given.
 
-    Fails with the results of `reference_state`, or `span_slack` when the running belt cannot
-    keep every span tight. With `throw=False` read `.result`: a failed lane of a batch holds
-    finite placeholders with zero derivatives, and leaves its neighbors alone.
+    Fails with the results of `reference_state`, `span_slack` when the running belt cannot keep
+    every span tight, or `belt_overstretched` (strain above a tenth). With `throw=False` read
+    `.result`: a failed lane of a batch holds finite placeholders with zero derivatives, and
+    leaves its neighbors alone.
     """
     method = Exact() if method is None else method
     reference = reference_state(drive, point, throw=False)
@@ -133,11 +134,13 @@ def steady_state(
     )
     model = steady_model(groups)
     solved = method.solve(model)
+    strain = jnp.max(groups.tensions + solved.T) / groups.stretch
     result = first_failure(
         (~succeeded(reference.result), reference.result),
         (solved.slack, RESULTS.span_slack),
         (~solved.converged, RESULTS.nonlinear_max_steps_reached),
         (jnp.asarray(solved.unresolved), RESULTS.mesh_exhausted),
+        (strain > LARGEST_STRAIN, RESULTS.belt_overstretched),
     )
     good = succeeded(result)
     steady = SteadyState(

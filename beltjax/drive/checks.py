@@ -99,7 +99,7 @@ def _survey(drive: Drive) -> tuple[Layout, Clearances]:
 
 def _fault(drive: Drive) -> _Fault | None:
     survey = jax.device_get(_survey(drive))
-    for find in (_arm_fault, _overlap, _missing_tangent, _path_fault, _obstruction, _crossing):
+    for find in (_arm_fault, _overlap, _missing_tangent, _path_fault, _crossing, _obstruction):
         fault = find(drive, *survey)
         if fault:
             return fault

@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 SIDES = {"grooved": 1.0, "back": -1.0}
@@ -16,7 +17,7 @@ TRAVELS = {"listed": 1.0, "opposite": -1.0}
 
 def as_real(value: Any) -> Array:
     """`value` as a strongly typed double; raises in single precision."""
-    if not jax.config.jax_enable_x64:
+    if not jax.config.read("jax_enable_x64"):
         raise RuntimeError(
             "beltjax needs double precision: call jax.config.update('jax_enable_x64', True) "
             "before building a drive, or set JAX_ENABLE_X64=1."
@@ -61,7 +62,7 @@ def as_travel(value: Any) -> Array:
 
 def concrete(value: Any) -> np.ndarray | None:
     """`value` as a NumPy array, or None while JAX traces it."""
-    return None if isinstance(value, jax.core.Tracer) else np.asarray(value)
+    return None if isinstance(value, Tracer) else np.asarray(value)
 
 
 def require_shape(what: str, value: Array, shape: tuple[int, ...], meaning: str) -> None:
@@ -270,6 +271,7 @@ class OperatingPoint(eqx.Module):
         """Speed of the belt [m/s]."""
         if self.belt_speed is not None:
             return self.belt_speed
+        assert self.driver_speed is not None  # as __check_init__ holds
         return self.driver_speed * (drive.drives @ drive.radii)
 
     def torques(self, drive: Drive) -> Float[Array, " pulleys"]:

@@ -4,10 +4,12 @@ Everything is written with the directions of the spans and dot products, so that
 knows which pulley the arm carries or in which sense the pulleys are listed.
 """
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from beltjax.drive.components import Drive
 from beltjax.results import RESULTS, first_failure
@@ -46,6 +48,86 @@ def turned(vector: Float[Array, "2"], angle: Float[Array, ""]) -> Float[Array, "
     return jnp.cos(angle) * vector + jnp.sin(angle) * perpendicular(vector)
 
 
+class Outline(NamedTuple):
+    """The numbers of a drive that its path depends on, stacked once."""
+
+    x: Float[Array, " pulleys"]  # centers, as drawn
+    y: Float[Array, " pulleys"]
+    radii: Float[Array, " pulleys"]
+    faces: Float[Array, " pulleys"]
+    carried: Float[Array, " pulleys"]
+    sense: Float[Array, ""]
+    arm: Float[Array, "2"]  # from pivot to pulley, as drawn
+
+
+class Path(NamedTuple):
+    """What a layout is made of; the names they share mean the same."""
+
+    x: Float[Array, " pulleys"]
+    y: Float[Array, " pulleys"]
+    along_x: Float[Array, " spans"]  # directions of the spans
+    along_y: Float[Array, " spans"]
+    span_lengths: Float[Array, " spans"]
+    wraps: Float[Array, " pulleys"]
+    arc_lengths: Float[Array, " pulleys"]
+    exists: Bool[Array, " spans"]  # whether the span's pulleys have a tangent
+    arm: Float[Array, "2"]
+    arm_length: Float[Array, ""]
+    arm_normal: Float[Array, " spans"]
+    arm_tangent: Float[Array, " spans"]
+
+
+def outline(drive: Drive) -> Outline:
+    """The numbers that the path of `drive` depends on."""
+    centers = drive.centers
+    sense = jax.lax.stop_gradient(drive.sense)
+    return Outline(
+        centers[:, 0], centers[:, 1], drive.radii, drive.faces, drive.carried, sense, drive.arm
+    )
+
+
+def belt_path(of: Outline, turn: Float[Array, ""]) -> Path:
+    """Path of the belt with the arm turned by `turn` from where it is drawn."""
+    arm = turned(of.arm, turn)
+    x = of.x + of.carried * (arm[0] - of.arm[0])
+    y = of.y + of.carried * (arm[1] - of.arm[1])
+
+    # Components stay apart until the results are put together: joining and splitting small
+    # arrays is most of what XLA would otherwise have to compile.
+    across, up = _following(x) - x, _following(y) - y
+    foot = of.faces * of.radii
+    rise = _following(foot) - foot  # of the center line along the normal
+    distance2 = across**2 + up**2
+    exists = distance2 > rise**2
+    distance2 = jnp.where(exists, distance2, 1.0 + rise**2)
+    lengths = jnp.sqrt(distance2 - rise**2)
+    # Where there is no tangent, any unit vector does: nothing downstream may be NaN.
+    along_x = jnp.where(exists, (lengths * across + of.sense * rise * up) / distance2, 1.0)
+    along_y = jnp.where(exists, (lengths * up - of.sense * rise * across) / distance2, 0.0)
+
+    wraps = _wraps(along_x, along_y, of.faces * of.sense)
+    arm_length = jnp.sqrt(arm[0] ** 2 + arm[1] ** 2)
+    side_x, side_y = -arm[1] / arm_length, arm[0] / arm_length
+    # The difference of a span's two ends is all that it feels of the arm: + for the span that
+    # ends there, - for the one that starts.
+    moved = _following(of.carried) - of.carried
+    return Path(
+        x=x,
+        y=y,
+        along_x=along_x,
+        along_y=along_y,
+        span_lengths=lengths,
+        wraps=wraps,
+        arc_lengths=of.radii * wraps,
+        exists=exists,
+        arm=arm,
+        arm_length=arm_length,
+        arm_normal=moved * of.sense * (along_x * side_y - along_y * side_x),
+        arm_tangent=moved * (along_x * side_x + along_y * side_y),
+    )
+
+
+@jax.jit
 def layout(drive: Drive, arm_rotation: Float[Array, ""] | float = 0.0) -> Layout:
     """Path of the belt with the arm turned by `arm_rotation` [rad] from where it is drawn.
 
@@ -53,37 +135,16 @@ def layout(drive: Drive, arm_rotation: Float[Array, ""] | float = 0.0) -> Layout
     Result: `no_tangent`, `contact_lost` (a wrap that is not positive) or `path_not_simple`.
     Values stay finite, and their derivatives zero, where a tangent does not exist.
     """
-    faces, radii, sense = drive.faces, drive.radii, jax.lax.stop_gradient(drive.sense)
-    arm = turned(drive.arm, jnp.asarray(arm_rotation))
-    centers = drive.centers + drive.carried[:, None] * (arm - drive.arm)
-
-    # Components stay apart until the results are put together: joining and splitting small
-    # arrays is most of what XLA would otherwise have to compile.
-    x, y = centers[:, 0], centers[:, 1]
-    across, up = _following(x) - x, _following(y) - y
-    rise = _following(faces * radii) - faces * radii  # of the center line along the normal
-    distance2 = across**2 + up**2
-    exists = distance2 > rise**2
-    distance2 = jnp.where(exists, distance2, 1.0 + rise**2)
-    lengths = jnp.sqrt(distance2 - rise**2)
-    # Where there is no tangent, any unit vector does: nothing downstream may be NaN.
-    along_x = jnp.where(exists, (lengths * across + sense * rise * up) / distance2, 1.0)
-    along_y = jnp.where(exists, (lengths * up - sense * rise * across) / distance2, 0.0)
-    directions = jnp.stack([along_x, along_y], axis=-1)
-    normals = sense * perpendicular(directions)
-
-    wraps = _wraps(along_x, along_y, faces * sense)
-    arcs = radii * wraps
-    arm_length = jnp.sqrt(arm[0] ** 2 + arm[1] ** 2)
-    side_x, side_y = -arm[1] / arm_length, arm[0] / arm_length
-    # The difference of a span's two ends is all that it feels of the arm: + for the span that
-    # ends there, - for the one that starts.
-    moved = _following(drive.carried) - drive.carried
-    foot = faces * radii
+    of = outline(drive)
+    path = belt_path(of, jnp.asarray(arm_rotation))
+    centers = jnp.stack([path.x, path.y], axis=-1)
+    directions = jnp.stack([path.along_x, path.along_y], axis=-1)
+    normals = of.sense * perpendicular(directions)
+    foot = of.faces * of.radii
     result = first_failure(
-        (jnp.any(~exists), RESULTS.no_tangent),
-        (jnp.abs(jnp.sum(faces * wraps) - 2 * jnp.pi) > 1.0, RESULTS.path_not_simple),
-        (jnp.any(wraps <= 0), RESULTS.contact_lost),
+        (jnp.any(~path.exists), RESULTS.no_tangent),
+        (jnp.abs(jnp.sum(of.faces * path.wraps) - 2 * jnp.pi) > 1.0, RESULTS.path_not_simple),
+        (jnp.any(path.wraps <= 0), RESULTS.contact_lost),
     )
     return Layout(
         centers=centers,
@@ -91,15 +152,15 @@ def layout(drive: Drive, arm_rotation: Float[Array, ""] | float = 0.0) -> Layout
         normals=normals,
         starts=centers - foot[:, None] * normals,
         ends=jnp.roll(centers, -1, axis=0) - _following(foot)[:, None] * normals,
-        span_lengths=lengths,
-        wraps=wraps,
-        arc_lengths=arcs,
-        path_length=jnp.sum(lengths) + jnp.sum(arcs),
-        arm_length=arm_length,
-        arm_angle=jnp.arctan2(arm[1], arm[0]),
-        arm_normal=moved * sense * (along_x * side_y - along_y * side_x),
-        arm_tangent=moved * (along_x * side_x + along_y * side_y),
-        alignment=_alignment(drive, arm, directions),
+        span_lengths=path.span_lengths,
+        wraps=path.wraps,
+        arc_lengths=path.arc_lengths,
+        path_length=jnp.sum(path.span_lengths) + jnp.sum(path.arc_lengths),
+        arm_length=path.arm_length,
+        arm_angle=jnp.arctan2(path.arm[1], path.arm[0]),
+        arm_normal=path.arm_normal,
+        arm_tangent=path.arm_tangent,
+        alignment=_alignment(drive, path.arm, directions),
         result=result,
     )
 

@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -18,4 +18,5 @@ def quickly_compiled(function: Function) -> Function:
     for one drive or a few hundred designs, wrong for large batches. Elsewhere a plain jit.
     """
     options = {"xla_disable_hlo_passes": "fusion"} if jax.default_backend() == "cpu" else None
-    return eqx.filter_jit(function, compiler_options=options)
+    jitted: Any = eqx.filter_jit  # whose overloads leave out what it passes on to jax.jit
+    return jitted(function, compiler_options=options)

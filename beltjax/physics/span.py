@@ -56,7 +56,7 @@ def layers(u: Real, z: Real) -> Layers:
 
 def _lambert(z: Real) -> tuple[Real, Real]:
     """Lambert's continued fraction: a = (k coth k - 1)/k^2 and r with a = 1/(3 + z r)."""
-    r = 1.0 / _DEPTH
+    r = jnp.full_like(z, 1.0 / _DEPTH)
     for odd in range(_DEPTH - 2, 3, -2):
         r = 1.0 / (odd + z * r)
     return 1.0 / (3.0 + z * r), r
@@ -82,7 +82,7 @@ def _layers_of_thick(z: Real) -> Layers:
 
 def _layers_of_thin(u: Real) -> Layers:
     """Layer integrals for small u = 1/k; no exponential here ever grows."""
-    decay = jnp.exp(-1.0 / jnp.maximum(u, _NO_LAYER))
+    decay = jnp.where(u > _NO_LAYER, jnp.exp(-1.0 / jnp.maximum(u, _NO_LAYER)), 0.0)
     csch = 2.0 * decay / (1.0 - decay**2)
     coth = (1.0 + decay**2) / (1.0 - decay**2)
     return Layers(

@@ -9,7 +9,7 @@ import numpy as np
 from beltjax.analysis.steady import SteadyState
 from beltjax.drive.components import BeltGiven, Drive, OperatingPoint
 from beltjax.drive.layout import layout
-from beltjax.results import RESULTS
+from beltjax.results import RESULTS, explanation
 
 _SWEEP = 1.0  # the arm is looked at this far to either side of where it is drawn [rad]
 
@@ -34,10 +34,14 @@ def diagnose(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagno
     if result == RESULTS.arm_at_stop:
         angle = np.degrees(float(steady.reference.layout.arm_angle))
         return Diagnosis(
-            "tensioner.stops", f"the arm would stand at {angle:.1f} deg: {RESULTS[result]}", False
+            "tensioner.stops",
+            f"the arm would stand at {angle:.1f} deg: {explanation(result)}",
+            False,
         )
     key = "operation.torque" if point.torque else "installation"
-    return Diagnosis(key, RESULTS[result], False)
+    if result == RESULTS.belt_overstretched:
+        key = _speed_key(point)
+    return Diagnosis(key, explanation(result), False)
 
 
 def _one_of(result: RESULTS, *members: RESULTS) -> bool:
@@ -75,10 +79,13 @@ def _slack_diagnosis(drive: Drive, point: OperatingPoint, steady: SteadyState) -
             False,
         )
     span = drive.span_names[int(np.argmin(np.asarray(reference.tensions)))]
-    speed = "driver_speed" if point.belt_speed is None else "belt_speed"
     return Diagnosis(
-        f"operation.{speed}",
+        _speed_key(point),
         f"span {span} goes slack at a belt speed of {float(point.speed(drive)):.4g} m/s: lower the "
         "speed or raise installation.tension",
         False,
     )
+
+
+def _speed_key(point: OperatingPoint) -> str:
+    return "operation.driver_speed" if point.belt_speed is None else "operation.belt_speed"

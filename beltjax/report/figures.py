@@ -40,7 +40,8 @@ def draw_layout(axes: Axes, drive: Drive, at: Layout, color: str, label: str, st
         pivot = np.asarray(drive.tensioner.pivot)
         tip = np.asarray(drive.carried @ at.centers)
         line = 1e3 * np.stack([pivot, tip])
-        axes.plot(line[:, 0], line[:, 1], style, color=color, marker="o", markersize=4)
+        shade = ARM if style == "-" else color
+        axes.plot(line[:, 0], line[:, 1], style, color=shade, marker="o", markersize=4)
     path = 1e3 * belt_path(drive, at)
     axes.plot(path[:, 0], path[:, 1], style, color=color, linewidth=2.2, label=label)
 
@@ -49,20 +50,22 @@ def before_and_after(
     before: tuple[Drive, Layout], after: tuple[Drive, Layout], title: str
 ) -> Figure:
     """The layout of a drive before and after a design study, drawn over each other."""
-    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
+    figure = Figure(figsize=(9.0, 9.0), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     draw_layout(axes, *before, color=BEFORE, label="before", style="--")
     draw_layout(axes, *after, color=AFTER, label="after", style="-")
     drive, at = after
     for pulley, center in zip(drive.pulleys, np.asarray(at.centers), strict=True):
+        top = 1e3 * (center + np.array([0.0, float(pulley.radius)]))
         axes.annotate(
-            pulley.name, tuple(1e3 * center), ha="center", va="center", fontsize=10, color="#222222"
+            pulley.name, tuple(top), (0, 4), textcoords="offset points", ha="center", fontsize=10
         )
     axes.set_aspect("equal")
     axes.set_xlabel("x [mm]")
     axes.set_ylabel("y [mm]")
     axes.set_title(title, fontsize=11)
+    axes.margins(y=0.12)
     axes.legend(loc="best", frameon=False)
     axes.grid(linewidth=0.3)
     return figure
@@ -73,5 +76,5 @@ def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
     target = os.fspath(path)
     partial = target + ".part"
     kind = os.path.splitext(target)[1].lstrip(".") or "png"
-    figure.savefig(partial, format=kind, dpi=150)
+    figure.savefig(partial, format=kind, dpi=150, bbox_inches="tight")
     os.replace(partial, target)

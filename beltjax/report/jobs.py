@@ -14,9 +14,8 @@ from beltjax.errors import FileError
 from beltjax.numerics.compilation import quickly_compiled
 from beltjax.report.diagnosis import diagnose
 from beltjax.report.documents import analysis_document, design_document, plain_numbers
-from beltjax.report.figures import before_and_after, save_figure
 from beltjax.report.tables import analysis_tables, design_tables
-from beltjax.results import RESULTS, succeeded
+from beltjax.results import RESULTS, explanation, succeeded
 
 
 class Report(NamedTuple):
@@ -53,17 +52,22 @@ def study_job(
     Raises `FileError` for a study that cannot be posed; a study without a solution is a report
     whose `failure` says which limit is missed and by how much.
     """
+    # Both are slow to load, and `analyze` needs neither.
     optimize = importlib.import_module("beltjax.optimize")
+    figures = importlib.import_module("beltjax.report.figures")
     study = optimize.load_study(path)
     design = optimize.minimize(study, advance)
     document = design_document(design)
-    before = {name: float(optimize.value_of(study.drive, name)) for name in design.values}
-    picture = before_and_after(
+    before = {
+        name: (float(optimize.value_of(study.drive, name)), optimize.unit_of(name))
+        for name in design.values
+    }
+    picture = figures.before_and_after(
         (study.drive, design.before.reference.layout),
         (design.drive, design.steady.reference.layout),
         f"{study.drive.name}: objective {_text(design.initial)} to {_text(design.final)}",
     )
-    save_figure(picture, figure)
+    figures.save_figure(picture, figure)
     if drive_path and design.success:
         save_drive(drive_path, design.drive, study.point)
     failure = "" if design.success else str(FileError(path, *_missed(design)))
@@ -78,7 +82,7 @@ def _missed(design: Any) -> tuple[str, str]:
     """Key and message of what keeps a design from being a success."""
     missed = [constraint for constraint in design.constraints if constraint.violation]
     if design.result != RESULTS.constraints_infeasible or not missed:
-        return "optimizer", RESULTS[design.result]
+        return "optimizer", explanation(design.result)
     parts = []
     for constraint in missed:
         low = constraint.lower is not None and constraint.value < constraint.lower

@@ -21,13 +21,13 @@ def plain_table(title: str, *columns: str) -> Table:
     """A table whose first column is words and the others numbers."""
     table = Table(title=title, title_justify="left", title_style="bold", box=None, padding=(0, 2))
     for i, column in enumerate(columns):
-        table.add_column(column, justify="left" if i == 0 else "right")
+        table.add_column(column, justify="left" if i == 0 else "right", no_wrap=True)
     return table
 
 
 def _span_table(document: dict[str, Any]) -> Table:
     table = plain_table(
-        document["drive"], "span", "length [mm]", "tension at rest [N]", "coupling Gamma_i"
+        document["drive"], "span", "length (mm)", "tension at rest (N)", "coupling Gamma_i"
     )
     spans = document["layout"]["spans"]
     tensions = (document["reference"] or {}).get("tensions", [None] * len(spans))
@@ -86,17 +86,21 @@ def _components(name: str, size: Any, slope: Any) -> list[tuple[str, float, floa
     return [(f"{name}[{i}]", *part) for i, part in enumerate(parts)]
 
 
-def design_tables(document: dict[str, Any], before: dict[str, float]) -> Group:
-    """The tables of `beltjax optimize`: the design, its constraints, and how the starts ended."""
+def design_tables(document: dict[str, Any], before: dict[str, tuple[float, str]]) -> Group:
+    """The tables of `beltjax optimize`: the design, its constraints, and how the starts ended.
+
+    `before` holds each variable's value in the study's own drive, and its unit.
+    """
     return Group(
         _design_table(document, before), _constraint_table(document), _start_table(document)
     )
 
 
-def _design_table(document: dict[str, Any], before: dict[str, float]) -> Table:
-    table = plain_table("Design", "variable", "before", "after", "(SI, rad)")
+def _design_table(document: dict[str, Any], before: dict[str, tuple[float, str]]) -> Table:
+    table = plain_table("Design", "variable", "before", "after", "unit")
     for name, value in document["design"].items():
-        table.add_row(name, f"{before[name]:.6g}", f"{value:.6g}")
+        was, unit = before[name]
+        table.add_row(name, f"{was:.6g}", f"{value:.6g}", unit)
     objective = document["objective"]
     initial = "-" if objective["initial"] is None else f"{objective['initial']:.6g}"
     table.add_row("objective", initial, f"{objective['final']:.6g}", style="bold")
@@ -104,8 +108,9 @@ def _design_table(document: dict[str, Any], before: dict[str, float]) -> Table:
 
 
 def _constraint_table(document: dict[str, Any]) -> Table:
+    # The price of a limit is d(objective)/d(limit): what its next unit would buy.
     table = plain_table(
-        "Constraints", "quantity", "value", "lower", "upper", "", "d objective/d limit"
+        "Constraints (SI, rad)", "quantity", "value", "lower", "upper", "", "price of limit"
     )
     active_implied = [c for c in document["implied_constraints"] if c["active"] or c["violation"]]
     for constraint in document["constraints"] + active_implied:

@@ -1,0 +1,92 @@
+"""Derivatives three ways, for every number of the three- and the seven-pulley drive."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from drives import example, flat_numbers, held_by_belt
+
+import beltjax as bj
+from beltjax.numerics.compilation import quickly_compiled
+
+
+def answers(drive, point):
+    """T, theta_t, eta and Gamma_i."""
+    steady = bj.steady_state(drive, point, throw=False)
+    scalars = jnp.stack([steady.tension_change, steady.arm_rotation, steady.effectiveness])
+    return jnp.concatenate([scalars, steady.coupling])
+
+
+@pytest.mark.parametrize("rule", ["tension", "belt"])
+@pytest.mark.parametrize("name", ["three_pulley", "seven_pulley"])
+def test_forward_reverse_and_differences_agree(name, rule):
+    drive, point = example(name)
+    if rule == "belt":
+        drive = held_by_belt(drive, point)
+    names, values, put = flat_numbers(drive, point)
+
+    def at(numbers):
+        return answers(*put(numbers))
+
+    def batch(numbers):
+        return jax.vmap(at)(numbers)
+
+    forward = quickly_compiled(jax.jacfwd(at))(values)
+    reverse = quickly_compiled(jax.jacrev(at))(values)
+    step = 5e-5 * np.maximum(np.abs(values), 0.05)
+    offsets = np.concatenate([c * np.diag(step) for c in (-2, -1, 1, 2)])
+    m2, m1, p1, p2 = np.split(np.asarray(quickly_compiled(batch)(values + offsets)), 4)
+    # Five points: the error of the differences is of fourth order in the step.
+    differences = ((m2 - p2) + 8 * (p1 - m1)).T / (12 * step)
+
+    # Relative to each answer's largest slope, in the steps that were taken.
+    size = np.max(np.abs(forward) * step, axis=1, keepdims=True) / step
+    assert np.all(np.isfinite(forward))
+    assert np.max(np.abs(forward - reverse) / np.maximum(np.abs(forward), 1e-6 * size)) < 1e-9
+    worst = np.abs(forward - differences) / np.maximum(np.abs(forward), 1e-3 * size)
+    where = np.unravel_index(np.argmax(worst), worst.shape)
+    assert worst.max() < 1e-6, f"d answer[{where[0]}]/d {names[where[1]]}"
+
+
+def test_gradient_of_a_drive_is_a_drive():
+    drive, point = example("three_pulley")
+    gradient = jax.grad(lambda d: bj.steady_state(d, point).coupling.sum())(drive)
+    assert isinstance(gradient, bj.Drive)
+    assert jax.tree.structure(gradient) == jax.tree.structure(drive)
+    assert gradient.pulleys[2].radius < -100.0
+    # Choices that are kept as numbers for the compiler's sake are no numbers of the drive.
+    assert float(gradient.pulleys[0].driver) == float(gradient.sense) == 0.0
+
+
+@pytest.mark.parametrize(("rule", "slope"), [("tension", -11.9), ("belt", -1096.0)])
+def test_slope_with_the_driver_radius_depends_on_the_installation(rule, slope):
+    # MODEL.md, section 0, at eps = 0.04, s = 0.3; it gives -1097 for the held belt.
+    drive, _ = example("three_pulley")
+    at = bj.layout(drive)
+    stiffness = 0.04**2 * 300 * jnp.mean(at.span_lengths) ** 2
+    drive = eqx.tree_at(lambda d: d.belt.bending_stiffness, drive, stiffness)
+    point = bj.OperatingPoint(belt_speed=0.3 * np.sqrt(300 / 0.1029))
+    if rule == "belt":
+        drive = held_by_belt(drive, point)
+
+    def total(radius):
+        changed = eqx.tree_at(lambda d: d.pulleys[0].radius, drive, radius)
+        return bj.steady_state(changed, point, throw=False).coupling.sum()
+
+    assert float(jax.grad(total)(drive.pulleys[0].radius)) == pytest.approx(slope, rel=5e-3)
+
+
+def test_second_derivatives_nest():
+    drive, point = example("three_pulley")
+
+    def total(k):
+        changed = eqx.tree_at(lambda d: d.pulleys[2].radius, drive, k)
+        return bj.steady_state(changed, point, throw=False).coupling.sum()
+
+    radius = drive.pulleys[2].radius
+    slope = quickly_compiled(jax.grad(total))
+    curvature = quickly_compiled(jax.jacfwd(jax.grad(total)))(radius)
+    h = 1e-5
+    differences = (slope(radius + h) - slope(radius - h)) / (2 * h)
+    assert float(curvature) == pytest.approx(float(differences), rel=1e-6)

@@ -1,0 +1,9 @@
+import os
+
+# Compiling is most of what these tests wait for, and fusing kernels most of the compiling.
+# Set before JAX starts; it changes rounding at the most.
+os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + " --xla_disable_hlo_passes=fusion"
+
+import jax
+
+jax.config.update("jax_enable_x64", True)

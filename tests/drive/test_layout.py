@@ -1,0 +1,101 @@
+"""Geometry against the source's tables, exact layouts, and its own conservation laws."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from drives import build, example, random_drives
+from published import Value, assert_matches_print
+
+import beltjax as bj
+
+
+def test_prototype_agrees_with_tables_3_2_and_4_1():
+    at = bj.layout(example("three_pulley")[0])
+    twice = "0.34489550 was rounded twice: the coordinates give 0.3448954966"
+    printed = (Value("0.154799"), Value("0.344896", twice), Value("0.551826"))
+    for computed, value in zip(at.span_lengths, printed, strict=True):
+        assert_matches_print(computed, value)
+    for computed, text in zip(jnp.degrees(at.alignment), ("135.782", "178.735"), strict=True):
+        assert_matches_print(computed, Value(text))
+    for computed, text in zip(jnp.degrees(at.wraps), ("221.13", "42.95", "181.83"), strict=True):
+        assert_matches_print(computed, Value(text))
+    assert_matches_print(at.path_length, Value("1.514092"))
+    assert_matches_print(at.arm_length, Value("0.097108"))
+    assert_matches_print(
+        at.arm_length, Value("0.0970", "the pivot's coordinates give 0.0971 m, not 0.097")
+    )
+
+
+def test_two_equal_pulleys_have_an_exact_path():
+    at = bj.layout(example("two_pulley_table_5_1")[0])
+    assert float(at.path_length) == pytest.approx(2 * np.pi * 0.05 + 2 * np.pi * 0.05, rel=1e-15)
+    np.testing.assert_allclose(at.wraps, np.pi, rtol=1e-15)
+
+
+def mirrored(drive):
+    """The drive seen from behind: listed in the other sense."""
+    flip = jnp.array([-1.0, 1.0])
+    pulleys = [eqx.tree_at(lambda p: p.center, p, flip * p.center) for p in drive.pulleys]
+    drive = eqx.tree_at(lambda d: d.pulleys, drive, tuple(pulleys))
+    drive = eqx.tree_at(lambda d: d.tensioner.pivot, drive, flip * drive.tensioner.pivot)
+    return eqx.tree_at(lambda d: d.sense, drive, -drive.sense)
+
+
+@pytest.mark.parametrize("name", ["three_pulley", "seven_pulley"])
+def test_a_mirrored_drive_is_the_same_drive(name):
+    drive, point = example(name)
+    here, there = (bj.steady_state(d, point) for d in (drive, mirrored(drive)))
+    np.testing.assert_allclose(here.coupling, there.coupling, rtol=1e-12)
+    assert float(here.arm_rotation) == pytest.approx(-float(there.arm_rotation), rel=1e-10)
+    # Counterclockwise again, spans in and out of the tensioner change places.
+    angles = [np.asarray(s.reference.layout.alignment) for s in (here, there)]
+    np.testing.assert_allclose(angles[0], np.mod(np.pi - angles[1][::-1], 2 * np.pi), rtol=1e-12)
+
+
+def test_listing_backwards_is_the_same_drive():
+    drive, point = example("three_pulley")
+    back = eqx.tree_at(lambda d: d.pulleys, drive, drive.pulleys[::-1])
+    back = eqx.tree_at(lambda d: d.sense, back, -drive.sense)
+    here, there = bj.layout(drive), bj.layout(back)
+    np.testing.assert_allclose(here.alignment, there.alignment, rtol=1e-13)
+    assert float(here.path_length) == pytest.approx(float(there.path_length), rel=1e-15)
+    turn = float(bj.steady_state(drive, point).arm_rotation)
+    assert turn == pytest.approx(float(bj.steady_state(back, point).arm_rotation), rel=1e-10)
+
+
+@pytest.mark.parametrize("n", [3, 5])
+def test_path_closes_and_follows_the_arm(n):
+    arrays = random_drives(n, 64)
+
+    @jax.jit
+    @jax.vmap
+    def look(arrays):
+        drive, _ = build(*arrays)
+        _, slope = jax.jvp(lambda t: bj.layout(drive, t).path_length, (0.0,), (1.0,))
+        at = bj.layout(drive)
+        return at, at.starts + at.span_lengths[:, None] * at.directions - at.ends, slope
+
+    at, gaps, slope = look(arrays)
+    faces = np.asarray(arrays[2])
+    np.testing.assert_allclose(np.sum(faces * np.asarray(at.wraps), axis=1), 2 * np.pi, rtol=1e-13)
+    np.testing.assert_allclose(gaps, 0.0, atol=1e-14)
+    # d(path)/d(alpha) = -r_t D, from the directions of the spans alone.
+    take_up = np.asarray(at.arm_length)[:, None] * np.asarray(at.arm_tangent)
+    np.testing.assert_allclose(slope, take_up.sum(axis=1), rtol=1e-9, atol=1e-13)
+
+
+def test_pulleys_without_tangent_are_reported_and_harmless():
+    drive, _ = example("three_pulley")
+
+    def path(x):
+        moved = eqx.tree_at(lambda d: d.pulleys[1].center, drive, jnp.stack([x, 0.0556]))
+        at = bj.layout(moved)
+        return at.path_length, at.result
+
+    look = jax.jit(jax.vmap(jax.value_and_grad(path, has_aux=True)))
+    (lengths, result), slopes = look(jnp.array([0.3477, 0.5525]))
+    assert (result == bj.RESULTS.no_tangent).tolist() == [False, True]
+    assert np.all(np.isfinite(lengths))
+    assert np.all(np.isfinite(slopes))

@@ -1,0 +1,60 @@
+"""The house keeps its plan: who may import whom, and every folder of code is installed."""
+
+import ast
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+# A package may import those before it in its own row.
+ALLOWED = {
+    "numerics": {"numerics", "results"},
+    "physics": {"numerics", "physics", "results"},
+    "drive": {"drive", "results", "errors"},
+    "analysis": {"numerics", "physics", "drive", "analysis", "results", "errors"},
+    "report": {"numerics", "drive", "analysis", "report", "results", "errors"},
+    "optimize": {"numerics", "drive", "analysis", "results", "errors"},
+}
+
+
+def imported(path):
+    """Packages of beltjax that a module imports, at the top or anywhere inside."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.level == 0:
+            names = [node.module or ""]
+        elif isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        else:
+            continue
+        for name in names:
+            words = name.split(".")
+            if words[0] == "beltjax" and len(words) > 1:
+                yield words[1]
+
+
+@pytest.mark.parametrize("package", ALLOWED)
+def test_imports_point_one_way(package):
+    folder = ROOT / "optimize" if package == "optimize" else ROOT / "beltjax" / package
+    for path in folder.rglob("*.py"):
+        assert set(imported(path)) <= ALLOWED[package], path
+
+
+def test_every_folder_of_code_is_installed():
+    config = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    listed = set(config["tool"]["setuptools"]["packages"])
+    found = {
+        ".".join(path.parent.relative_to(ROOT).parts)
+        for path in (ROOT / "beltjax").rglob("__init__.py")
+    }
+    found |= {
+        ".".join(("beltjax", *path.parent.relative_to(ROOT).parts))
+        for path in (ROOT / "optimize").rglob("__init__.py")
+    }
+    assert listed == found
+
+
+def test_no_file_is_too_long():
+    for folder in ("beltjax", "optimize", "tests", "benchmarks"):
+        for path in (ROOT / folder).rglob("*.py"):
+            assert len(path.read_text().splitlines()) < 600, path
