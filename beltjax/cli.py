@@ -7,6 +7,7 @@ whose answer is a failure, with the JSON written and its `success` false.
 import contextlib
 import os
 import sys
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NoReturn
@@ -14,6 +15,7 @@ from typing import Any, NoReturn
 import click
 
 INVALID, FAILED, INTERRUPTED = 1, 2, 130
+PICTURES = (".png", ".pdf", ".svg")
 
 _json_option = click.option(
     "--json", "json_path", metavar="FILE", help="Write one JSON object; '-' for standard output."
@@ -31,7 +33,7 @@ def cli() -> None:
 @_json_option
 def analyze(drive_file: str, json_path: str | None) -> None:
     """Layout, tensions, belt-pulley coupling Gamma, and what moves it."""
-    _check_output(json_path)
+    _check_output(json_path, drive_file)
     _prepare_jax()
     with _busy("analyzing; the first run on a machine compiles"):
         from beltjax.report.jobs import analysis_job
@@ -51,7 +53,11 @@ def optimize(
     """The design that minimizes an objective under constraints."""
     figure = figure or f"{Path(study_file).stem}_layout.png"
     for path in (json_path, figure, save_drive):
-        _check_output(path)
+        _check_output(path, study_file)
+    if Path(figure).suffix.lower() not in PICTURES:
+        raise click.ClickException(
+            f"{figure}: is no picture; end its name in {', '.join(PICTURES)}"
+        )
     _prepare_jax()
     with _progress() as advance:
         from beltjax.report.jobs import study_job
@@ -62,20 +68,32 @@ def optimize(
 
 def main() -> NoReturn:
     """Run the command line, turning every error into one line and an exit status."""
-    # Imported late and once: what a command needs of the library costs seconds to load.
+    try:
+        _run()
+    except KeyboardInterrupt:
+        _quit("interrupted; nothing more was written", INTERRUPTED)
+    sys.exit(0)
+
+
+def _run() -> None:
+    # Imported here, where an interrupt is caught: it brings in JAX, which takes a second.
     from beltjax.errors import FileError
 
+    warnings.simplefilter("ignore")  # of libraries: about fonts, caches, platforms
     try:
-        cli.main(standalone_mode=False)
-    except click.exceptions.Abort:
-        _quit("interrupted; nothing more was written", INTERRUPTED)
+        with cli.make_context("beltjax", sys.argv[1:]) as context:
+            cli.invoke(context)
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.ctx.get_help())
+        sys.exit(INVALID)
+    except click.exceptions.Exit as end:
+        sys.exit(end.exit_code)
     except click.ClickException as error:
         _quit(error.format_message(), INVALID)
     except FileError as error:
         _quit(str(error), INVALID)
     except OSError as error:
         _quit(f"{error.filename}: cannot be written ({error.strerror})", INVALID)
-    sys.exit(0)
 
 
 def _quit(message: str, status: int) -> NoReturn:
@@ -83,11 +101,13 @@ def _quit(message: str, status: int) -> NoReturn:
     sys.exit(status)
 
 
-def _check_output(path: str | None) -> None:
-    """Refuse an output that cannot be written before the work, not after it."""
-    if path in (None, "-"):
+def _check_output(path: str | None, source: str) -> None:
+    """Refuse an output that cannot or must not be written before the work, not after it."""
+    if path is None or path == "-":
         return
     folder = Path(path).resolve().parent
+    if Path(path).resolve() == Path(source).resolve():
+        raise click.ClickException(f"{path}: is the file that is read; give another for the output")
     if not folder.is_dir() or Path(path).is_dir():
         raise click.ClickException(
             f"{path}: cannot be written there; give a file in a folder that exists"
@@ -100,10 +120,19 @@ def _prepare_jax() -> None:
     from platformdirs import user_cache_dir
 
     jax.config.update("jax_enable_x64", True)
-    if not os.environ.get("JAX_COMPILATION_CACHE_DIR"):
-        jax.config.update("jax_compilation_cache_dir", user_cache_dir("beltjax"))
+    cache = user_cache_dir("beltjax")
+    if not os.environ.get("JAX_COMPILATION_CACHE_DIR") and _writable(cache):
+        jax.config.update("jax_compilation_cache_dir", cache)
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+
+
+def _writable(folder: str) -> bool:
+    try:
+        os.makedirs(folder, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(folder, os.W_OK)
 
 
 @contextlib.contextmanager

@@ -6,6 +6,9 @@ Each text says what happened and names the remedy; it is what `throw=True` raise
 
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import equinox as eqx
+import jax
+import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Bool
 
@@ -31,6 +34,7 @@ if TYPE_CHECKING:
 
         successful: "RESULTS"
         nonlinear_max_steps_reached: "RESULTS"
+        numbers_unusable: "RESULTS"
         no_tangent: "RESULTS"
         contact_lost: "RESULTS"
         path_not_simple: "RESULTS"
@@ -40,6 +44,7 @@ if TYPE_CHECKING:
         belt_overstretched: "RESULTS"
         arm_at_stop: "RESULTS"
         span_slack: "RESULTS"
+        steady_state_not_found: "RESULTS"
         equations_nonfinite: "RESULTS"
         mesh_exhausted: "RESULTS"
         newton_failed: "RESULTS"
@@ -53,6 +58,10 @@ else:
     class RESULTS(optx.RESULTS):
         """How a computation ended."""
 
+        numbers_unusable = (
+            "A number of the drive is not finite, or a radius, stiffness, mass, length or tension "
+            "is not positive. Correct it before anything else."
+        )
         no_tangent = (
             "Two neighboring pulleys have no common tangent: they lie inside each other, or "
             "overlap where the belt crosses between them. Move them apart or shrink them."
@@ -88,6 +97,10 @@ else:
         span_slack = (
             "A span has lost its tension. Raise the pretension or lower the belt speed or the "
             "torques; `reference.tensions` shows the spans' tensions at rest."
+        )
+        steady_state_not_found = (
+            "The search for the running tension did not end. Look for a number that is far out of "
+            "the ordinary: bending stiffness, tension, belt speed."
         )
         equations_nonfinite = (
             "The equations gave inf or nan where the search began. Check the guess and the "
@@ -134,6 +147,18 @@ def raise_unless_successful(value: Value, result: RESULTS, throw: bool) -> Value
     if not throw:
         return value
     return result.error_if(value, result != RESULTS.successful)
+
+
+def frozen_where_failed(state: Value, result: RESULTS) -> Value:
+    """`state`, whose numbers carry no derivative where `result` is a failure."""
+    good = succeeded(result)
+
+    def freeze(leaf):
+        if not eqx.is_inexact_array(leaf):
+            return leaf
+        return jnp.where(good, leaf, jax.lax.stop_gradient(leaf))
+
+    return jax.tree.map(freeze, state)
 
 
 def explanation(result: RESULTS) -> str:

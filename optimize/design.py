@@ -27,7 +27,13 @@ FEW = 256  # starts up to which compiling quickly beats running quickly
 CANDIDATES = 8  # random designs drawn for each start; the first ones that run are used
 FEASIBLE = 1e-6  # violation, in a constraint's scale, that counts as none
 ACTIVE = 1e-5  # distance from a limit, in the same scale, that counts as on it
-LEAST_WRAP = np.radians(1.0)
+# What every drive that can be built must meet, whether the study asks for it or not, a little
+# inside the edges beyond which there is no drive to evaluate: quantity, least, greatest.
+IMPLIED = {
+    "clearance": (0.0, np.inf),
+    "wraps": (np.radians(1.0), np.radians(268.0)),
+    "tightness": (0.01, np.inf),
+}
 
 
 class Scales(NamedTuple):
@@ -44,7 +50,7 @@ class ConstraintReport(NamedTuple):
     value: float  # where the quantity has many parts, the one closest to its limit
     lower: float | None
     upper: float | None
-    multiplier: float  # d(objective)/d(limit)
+    multiplier: float | None  # d(objective)/d(limit), at an optimum
     active: bool
     violation: float  # by how much the limit is missed, or 0
     implied: bool  # not asked for by the study, but by every drive that can be built
@@ -65,7 +71,7 @@ class Design(eqx.Module):
     before: SteadyState  # of the study's own drive
     values: dict[str, float]  # of the design variables, SI
     initial: float | None  # objective of the study's own drive; None where that cannot run
-    final: float
+    final: float | None  # None where no design runs
     constraints: tuple[ConstraintReport, ...]
     starts: tuple[StartReport, ...]
     result: RESULTS
@@ -130,11 +136,10 @@ def _drive_at(study: Study, x: Float[Array, " variables"]) -> Drive:
 
 def _with_implied_constraints(study: Study) -> Study:
     """`study`, with what every drive that can be built must meet added to its constraints."""
-    implied = {"clearance": 0.0, "wraps": LEAST_WRAP}
     given = study.constraints
-    names = tuple(name for name in implied if name not in given.names)
-    lower = jnp.concatenate([given.lower, jnp.array([implied[name] for name in names])])
-    upper = jnp.concatenate([given.upper, jnp.full(len(names), jnp.inf)])
+    names = tuple(name for name in IMPLIED if name not in given.names)
+    lower = jnp.concatenate([given.lower, jnp.array([IMPLIED[name][0] for name in names])])
+    upper = jnp.concatenate([given.upper, jnp.array([IMPLIED[name][1] for name in names])])
     return eqx.tree_at(lambda s: s.constraints, study, Limits(given.names + names, lower, upper))
 
 
@@ -208,16 +213,16 @@ def _report(study: Study, asked: int, scales: Scales, states: Iterate) -> Design
     drive = _drive_at(study, x)
     steady, final, measured = _run(study, drive)
     own, initial, _ = _run(study, study.drive)
+    # Away from an optimum a multiplier is only what the search has come to.
+    prices = np.asarray(states.multipliers[best]) * size if optimal.any() else None
     return Design(
         drive=drive,
         steady=steady,
         before=own,
         values=_values(study, x),
         initial=initial if succeeded(own.result) else None,
-        final=final,
-        constraints=_constraint_reports(
-            study, asked, scales, measured, np.asarray(states.multipliers[best]) * size
-        ),
+        final=final if succeeded(steady.result) else None,
+        constraints=_constraint_reports(study, asked, scales, measured, prices),
         starts=starts,
         result=result,
     )
@@ -249,15 +254,21 @@ def _values(study: Study, x) -> dict[str, float]:
 
 
 def _constraint_reports(
-    study: Study, asked: int, scales: Scales, measured: list[np.ndarray], multipliers: np.ndarray
+    study: Study,
+    asked: int,
+    scales: Scales,
+    measured: list[np.ndarray],
+    multipliers: np.ndarray | None,
 ) -> tuple[ConstraintReport, ...]:
     reports, place = [], 0
     for i, name in enumerate(study.constraints.names):
         values = measured[i]
         low, high = float(study.constraints.lower[i]), float(study.constraints.upper[i])
         scale, parts = float(scales.constraints[i]), len(values)
-        of_lower = multipliers[place : place + parts]
-        of_upper = multipliers[place + parts : place + 2 * parts]
+        price = None
+        if multipliers is not None:
+            of_lower, of_upper = np.split(multipliers[place : place + 2 * parts], 2)
+            price = float(of_lower.sum() - of_upper.sum()) / scale
         place += 2 * parts
         gap_low, gap_high = float(values.min()) - low, high - float(values.max())
         reports.append(
@@ -266,7 +277,7 @@ def _constraint_reports(
                 value=float(values.min() if gap_low <= gap_high else values.max()),
                 lower=low if np.isfinite(low) else None,
                 upper=high if np.isfinite(high) else None,
-                multiplier=float(of_lower.sum() - of_upper.sum()) / scale,
+                multiplier=price,
                 active=bool(min(gap_low, gap_high) <= ACTIVE * scale),
                 violation=max(0.0, -min(gap_low, gap_high) - FEASIBLE * scale),
                 implied=i >= asked,

@@ -50,6 +50,11 @@ def _all_gaps(drive: Drive, steady: SteadyState):
     return jnp.concatenate([gaps.rims, gaps.belt.ravel()])
 
 
+def _tightness(drive: Drive, steady: SteadyState):
+    """Span tensions at rest and effective tensions running, over P0: all positive, or slack."""
+    return jnp.concatenate([steady.groups.tensions, steady.effective_tensions])
+
+
 def _speed_ratio(drive: Drive, steady: SteadyState, j: int):
     return (drive.drives @ drive.radii) / drive.pulleys[j].radius
 
@@ -61,6 +66,7 @@ _KINDS = {
     "wraps": _Kind("rad", "", lambda d, s: s.reference.layout.wraps),
     "wrap:": _Kind("rad", "pulley", lambda d, s, j: s.reference.layout.wraps[j]),
     "clearance": _Kind("m", "", _all_gaps),
+    "tightness": _Kind("", "", _tightness),
     "speed_ratio:": _Kind("", "pulley", _speed_ratio),
     "tension:": _Kind("N", "span", lambda d, s, i: s.running_tensions[i]),
     "hub_load:": _Kind("N", "pulley", _hub_load),
@@ -73,7 +79,7 @@ _KINDS = {
 
 
 # Quantities that are many numbers at once: fit to be limited, not to be minimized.
-MANY = ("clearance", "wraps")
+MANY = ("clearance", "wraps", "tightness")
 
 
 def quantity(name: str, drive: Drive) -> Quantity:

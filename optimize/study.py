@@ -73,7 +73,7 @@ class Study(eqx.Module):
     """A design study.
 
     `objective` is a weighted sum of quantities. Variables have finite bounds; constraints at
-    least one. Raises `ValueError` for bounds that cross and names that do not exist.
+    least one. Raises `ValueError` for variables and quantities that do not exist.
     """
 
     drive: Drive
@@ -85,6 +85,16 @@ class Study(eqx.Module):
     starts: int = eqx.field(static=True, default=32)
     seed: int = eqx.field(static=True, default=0)
     name: str = eqx.field(static=True, default="study")
+
+    def __check_init__(self):
+        unknown = set(self.variables.names) - set(variable_names(self.drive))
+        if unknown:
+            raise ValueError(f"Study: no variables of this drive: {', '.join(sorted(unknown))}.")
+        for name in (*self.objective, *self.constraints.names):
+            try:
+                quantity(name, self.drive)
+            except KeyError as error:
+                raise ValueError(f"Study: {error.args[0]}.") from error
 
 
 def load_study(path: str | os.PathLike[str]) -> Study:
@@ -121,11 +131,12 @@ def _objective(file: StudyTable, drive: Drive, path: object) -> dict[str, float]
         # A table of weights may name the spans alone.
         full = f"coupling:{name}" if name in drive.span_names else name
         _require_quantity(full, drive, path, "objective.minimize")
-        if not math.isfinite(weight):
-            raise FileError(path, f"objective.minimize.{name}", f"found {weight}; give a number")
+        try:
+            terms[full] = to_si(weight, "")
+        except ValueError as error:
+            raise FileError(path, f"objective.minimize.{name}", str(error)) from error
         if full in MANY:
             raise FileError(path, "objective.minimize", f"{full!r} is many numbers; constrain it")
-        terms[full] = float(weight)
     return terms
 
 

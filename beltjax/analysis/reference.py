@@ -9,8 +9,15 @@ from jaxtyping import Array, Bool, Float
 
 from beltjax.drive.components import BeltGiven, Drive, OperatingPoint, TensionGiven
 from beltjax.drive.layout import Layout, Outline, Path, belt_path, layout, outline
+from beltjax.drive.usable import harmless, usable
 from beltjax.numerics.roots import Search, implicit_root, pair_root
-from beltjax.results import RESULTS, first_failure, raise_unless_successful, succeeded
+from beltjax.results import (
+    RESULTS,
+    first_failure,
+    frozen_where_failed,
+    raise_unless_successful,
+    succeeded,
+)
 
 LARGEST_STRAIN = 0.1  # beyond this a belt is not stretched but broken
 LARGEST_TURN = 0.2  # of the arm, in one Newton step [rad]
@@ -25,7 +32,7 @@ class ReferenceState(eqx.Module):
     arm_angle: Float[Array, ""] | None  # direction of the arm [rad]
     free_angle: Float[Array, ""] | None  # its direction with the spring relaxed [rad]
     unstretched_length: Float[Array, ""]  # L0 [m]
-    error: Float[Array, ""]  # residual of the arm's and the belt's equations, relative
+    error: Float[Array, ""]  # residual, relative, before the last Newton step: an upper bound
     result: RESULTS
     stats: dict[str, Array]
 
@@ -55,17 +62,25 @@ def reference_state(drive: Drive, point: OperatingPoint, *, throw: bool = True) 
     Under `TensionGiven` the drawn layout is the torque-free state; under `BeltGiven` the
     unstretched belt and the arm's free angle are held. Solves MODEL.md, section 0, (a)-(c).
 
-    Fails with the layout's results, `belt_does_not_fit`, `belt_too_long`, `belt_too_short`
-    (strain above a tenth), `arm_at_stop` or `span_slack`; failed lanes of a batch hold
-    finite placeholders with zero derivatives.
+    Fails with `numbers_unusable`, the layout's results, `belt_does_not_fit`, `belt_too_long`,
+    `belt_too_short` (strain above a tenth), `arm_at_stop` or `span_slack`. Failed lanes of a
+    batch hold finite numbers, the state's own where it was found (`span_slack`, `arm_at_stop`)
+    and placeholders elsewhere, with zero derivatives.
     """
+    good = usable(drive, point)
+    state = resting(*harmless(drive, point, good))
+    result = first_failure((~good, RESULTS.numbers_unusable), (good, state.result))
+    state = frozen_where_failed(eqx.tree_at(lambda s: s.result, state, result), result)
+    return raise_unless_successful(state, result, throw)
+
+
+def resting(drive: Drive, point: OperatingPoint) -> ReferenceState:
+    """`reference_state` of numbers that are usable, derivatives of failed lanes not yet barred."""
     drawn = layout(drive)
     rule = drive.installation
     if isinstance(rule, TensionGiven) and rule.span_tensions is not None:
-        state = _printed_state(drive, drawn, rule.tension, rule.span_tensions)
-    else:
-        state = _solved_state(drive, point, drawn)
-    return raise_unless_successful(state, state.result, throw)
+        return _printed_state(drive, drawn, rule.tension, rule.span_tensions)
+    return _solved_state(drive, point, drawn)
 
 
 def _printed_state(drive, drawn, tension, tensions) -> ReferenceState:
@@ -74,8 +89,8 @@ def _printed_state(drive, drawn, tension, tensions) -> ReferenceState:
     result = first_failure(
         (~succeeded(drawn.result), drawn.result),
         (jnp.any(tensions <= 0), RESULTS.span_slack),
+        (beyond_stops(drive, drawn.arm_angle), RESULTS.arm_at_stop),
     )
-    tensions = jnp.where(succeeded(result), tensions, tension)
     exact = jnp.zeros(())
     return _state(drive, drawn, tensions, tension, held, exact, result, {"steps": jnp.array(0)})
 
@@ -109,9 +124,8 @@ def _solved_state(drive, point, drawn) -> ReferenceState:
         (~found.converged, RESULTS.belt_does_not_fit),
         (~succeeded(moved.result), moved.result),
         (jnp.any(tensions <= 0), RESULTS.span_slack),
-        (_beyond_stops(drive, drawn, turn), RESULTS.arm_at_stop),
+        (beyond_stops(drive, drawn.arm_angle + turn), RESULTS.arm_at_stop),
     )
-    tensions = jnp.where(succeeded(result), tensions, base)
     error = jnp.max(jnp.abs(found.residual))
     return _state(drive, moved, tensions, base, problem.held, error, result, {"steps": found.steps})
 
@@ -244,11 +258,11 @@ def _root(problem: _Problem, good: Bool[Array, ""], found: Search):
     return turn, level * problem.scale
 
 
-def _beyond_stops(drive: Drive, drawn: Layout, turn) -> Bool[Array, ""]:
+def beyond_stops(drive: Drive, angle: Float[Array, ""]) -> Bool[Array, ""]:
+    """Whether the tensioner has stops and the arm, in this direction, would be past one."""
     if drive.tensioner is None or drive.tensioner.stops is None:
         return jnp.array(False)
     least, greatest = drive.tensioner.stops
-    angle = drawn.arm_angle + turn
     # Compare on the branch on which the stops are given.
     middle = (least + greatest) / 2
     angle = angle - 2 * jnp.pi * jnp.round((angle - middle) / (2 * jnp.pi))

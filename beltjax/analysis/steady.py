@@ -4,13 +4,25 @@ import abc
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
-from beltjax.analysis.reference import LARGEST_STRAIN, ReferenceState, reference_state
+from beltjax.analysis.reference import (
+    LARGEST_STRAIN,
+    ReferenceState,
+    beyond_stops,
+    resting,
+)
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.groups import Groups, Scales, groups_and_scales
+from beltjax.drive.usable import harmless, usable
 from beltjax.physics import steady as physics
-from beltjax.results import RESULTS, first_failure, raise_unless_successful, succeeded
+from beltjax.results import (
+    RESULTS,
+    first_failure,
+    frozen_where_failed,
+    raise_unless_successful,
+    succeeded,
+)
 
 
 class AbstractSteadyMethod(eqx.Module):
@@ -86,7 +98,7 @@ class SteadyState(eqx.Module):
     groups: Groups
     scales: Scales
     reference: ReferenceState
-    error: Float[Array, ""]  # residual of (3.41), in mean span lengths
+    error: Float[Array, ""]  # residual of (3.41) before the last Newton step: an upper bound
     result: RESULTS
     stats: dict[str, Array]
     method: AbstractSteadyMethod
@@ -97,6 +109,8 @@ class SteadyState(eqx.Module):
         Both are fractions of the span's own length: x runs from 0 at the span's first listed
         pulley to 1 at its second. Multiply by `reference.layout.span_lengths[i]` for meters.
         """
+        if not 0 <= i < len(self.coupling):
+            raise IndexError(f"span {i} of {len(self.coupling)}: spans count from 0.")
         solved = physics.SteadySolution(
             self.tension_change,
             self.arm_rotation,
@@ -128,28 +142,35 @@ def steady_state(
     leaves its neighbors alone.
     """
     method = Exact() if method is None else method
-    reference = reference_state(drive, point, throw=False)
+    good = usable(drive, point)
+    drive, point = harmless(drive, point, good)
+    reference = resting(drive, point)
+    rested = succeeded(reference.result)
+    # Of a drive that cannot rest nothing is asked but that its numbers stay finite.
+    tensions = jnp.where(rested, reference.tensions, reference.base_tension)
     groups, scales = groups_and_scales(
-        drive, reference.layout, reference.tensions, reference.base_tension, point.speed(drive)
+        drive, reference.layout, tensions, reference.base_tension, point.speed(drive)
     )
     model = steady_model(groups)
     solved = method.solve(model)
     strain = jnp.max(groups.tensions + solved.T) / groups.stretch
     result = first_failure(
-        (~succeeded(reference.result), reference.result),
+        (~good, RESULTS.numbers_unusable),
+        (~rested, reference.result),
         (solved.slack, RESULTS.span_slack),
-        (~solved.converged, RESULTS.nonlinear_max_steps_reached),
+        (~solved.converged, RESULTS.steady_state_not_found),
         (jnp.asarray(solved.unresolved), RESULTS.mesh_exhausted),
         (strain > LARGEST_STRAIN, RESULTS.belt_overstretched),
+        (_running_past_stop(drive, reference, solved), RESULTS.arm_at_stop),
     )
-    good = succeeded(result)
+    runs = succeeded(result)
     steady = SteadyState(
-        coupling=jnp.where(good, method.coupling(model, solved), 0.0),
-        tension_change=jnp.where(good, solved.T, 0.0),
-        arm_rotation=jnp.where(good, solved.th, 0.0),
-        running_tensions=reference.tensions + jnp.where(good, solved.T, 0.0) * scales.tension,
-        effective_tensions=jnp.where(good, solved.Q, 1.0),
-        effectiveness=jnp.where(good, physics.effectiveness(model), 0.0),
+        coupling=jnp.where(runs, method.coupling(model, solved), 0.0),
+        tension_change=jnp.where(runs, solved.T, 0.0),
+        arm_rotation=jnp.where(runs, solved.th, 0.0),
+        running_tensions=reference.tensions + jnp.where(runs, solved.T, 0.0) * scales.tension,
+        effective_tensions=jnp.where(runs, solved.Q, 1.0),
+        effectiveness=jnp.where(rested, physics.effectiveness(model), 0.0),
         groups=groups,
         scales=scales,
         reference=reference,
@@ -158,7 +179,14 @@ def steady_state(
         stats={"steps": solved.steps, "reference_steps": reference.stats["steps"]},
         method=method,
     )
+    steady = frozen_where_failed(steady, result)
     return raise_unless_successful(steady, result, throw)
+
+
+def _running_past_stop(drive: Drive, reference: ReferenceState, solved) -> Bool[Array, ""]:
+    if reference.arm_angle is None:
+        return jnp.array(False)
+    return beyond_stops(drive, reference.arm_angle + solved.th)
 
 
 def steady_model(groups: Groups) -> physics.SteadyModel:

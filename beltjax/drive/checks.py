@@ -65,7 +65,7 @@ def clearances(drive: Drive, at: Layout) -> Clearances:
     )
 
 
-class _Fault(NamedTuple):
+class Fault(NamedTuple):
     """What makes a layout impossible."""
 
     key: str
@@ -78,7 +78,7 @@ def require_possible_layout(drives: list[Drive], path: object) -> Drive:
     Raises `FileError` when none is, or when two are and the file must say which is meant.
     Two pulleys alone are listed counterclockwise, since both senses give the same path.
     """
-    faults = [_fault(drive) for drive in drives]
+    faults = [layout_fault(drive) for drive in drives]
     possible = [drive for drive, fault in zip(drives, faults, strict=True) if fault is None]
     if not possible:
         # Where the sense is left open, the reading that comes closest tells most.
@@ -92,13 +92,14 @@ def require_possible_layout(drives: list[Drive], path: object) -> Drive:
 
 
 @jax.jit
-def _survey(drive: Drive) -> tuple[Layout, Clearances]:
-    at = layout(drive)
+def _survey(drive: Drive, arm_rotation) -> tuple[Layout, Clearances]:
+    at = layout(drive, arm_rotation)
     return at, clearances(drive, at)
 
 
-def _fault(drive: Drive) -> _Fault | None:
-    survey = jax.device_get(_survey(drive))
+def layout_fault(drive: Drive, arm_rotation: float = 0.0) -> Fault | None:
+    """What makes the layout impossible, with the arm turned by so much; None if nothing does."""
+    survey = jax.device_get(_survey(drive, arm_rotation))
     for find in (_arm_fault, _overlap, _missing_tangent, _path_fault, _crossing, _obstruction):
         fault = find(drive, *survey)
         if fault:
@@ -106,24 +107,26 @@ def _fault(drive: Drive) -> _Fault | None:
     return None
 
 
-def _arm_fault(drive: Drive, at: Layout, gaps: Clearances) -> _Fault | None:
-    if drive.tensioner is not None and float(at.arm_length) <= 0:
-        return _Fault("tensioner.pivot", "lies at its pulley's center; an arm has a length")
+def _arm_fault(drive: Drive, at: Layout, gaps: Clearances) -> Fault | None:
+    if not np.isfinite(at.path_length) or np.max(np.abs(at.centers)) > 1e6:
+        return Fault("pulley", "a center or radius is out of all proportion; give meters")
+    if drive.tensioner is not None and not float(at.arm_length) > 0:
+        return Fault("tensioner.pivot", "lies at its pulley's center; an arm has a length")
     return None
 
 
-def _overlap(drive: Drive, at: Layout, gaps: Clearances) -> _Fault | None:
+def _overlap(drive: Drive, at: Layout, gaps: Clearances) -> Fault | None:
     names = drive.pulley_names
     for (i, j), gap in zip(pulley_pairs(len(names)), gaps.rims, strict=True):
         if gap <= 0:
-            return _Fault(
+            return Fault(
                 f"pulley.{names[j]}.center",
                 f"overlaps pulley {names[i]!r} by {-1e3 * gap:.3g} mm; move them apart",
             )
     return None
 
 
-def _missing_tangent(drive: Drive, at: Layout, gaps: Clearances) -> _Fault | None:
+def _missing_tangent(drive: Drive, at: Layout, gaps: Clearances) -> Fault | None:
     if at.result != RESULTS.no_tangent:
         return None
     centers, signed = at.centers, np.asarray(drive.faces * drive.radii)
@@ -131,7 +134,7 @@ def _missing_tangent(drive: Drive, at: Layout, gaps: Clearances) -> _Fault | Non
         j = (i + 1) % len(signed)
         apart, needed = np.linalg.norm(centers[j] - centers[i]), abs(signed[j] - signed[i])
         if apart <= needed:
-            return _Fault(
+            return Fault(
                 f"pulley.{drive.pulley_names[j]}.center",
                 f"span {name} has no tangent: centers are {1e3 * apart:.4g} mm apart and must be "
                 f"more than {1e3 * needed:.4g} mm; move them apart",
@@ -139,16 +142,16 @@ def _missing_tangent(drive: Drive, at: Layout, gaps: Clearances) -> _Fault | Non
     return None
 
 
-def _path_fault(drive: Drive, at: Layout, gaps: Clearances) -> _Fault | None:
+def _path_fault(drive: Drive, at: Layout, gaps: Clearances) -> Fault | None:
     if at.result == RESULTS.contact_lost:
         i = int(np.argmin(at.wraps))
-        return _Fault(
+        return Fault(
             f"pulley.{drive.pulley_names[i]}.center",
             f"the belt does not touch this pulley (wrap {np.degrees(float(at.wraps[i])):.1f} deg); "
             "move it into the belt or change its face",
         )
     if not succeeded(at.result):
-        return _Fault(
+        return Fault(
             "pulley",
             "the belt path crosses itself or does not close; check the pulleys' order, 'listed' "
             "and the faces",
@@ -156,12 +159,12 @@ def _path_fault(drive: Drive, at: Layout, gaps: Clearances) -> _Fault | None:
     return None
 
 
-def _obstruction(drive: Drive, at: Layout, gaps: Clearances) -> _Fault | None:
+def _obstruction(drive: Drive, at: Layout, gaps: Clearances) -> Fault | None:
     belt = gaps.belt
     if belt.size and belt.min() <= 0:
         i, k = np.unravel_index(np.argmin(belt), belt.shape)
         name = drive.pulley_names[other_pulleys(len(belt))[i, k]]
-        return _Fault(
+        return Fault(
             f"pulley.{name}.center",
             f"span {drive.span_names[i]} runs through this pulley by {-1e3 * belt[i, k]:.3g} mm; "
             "move it out of the belt",
@@ -169,13 +172,13 @@ def _obstruction(drive: Drive, at: Layout, gaps: Clearances) -> _Fault | None:
     return None
 
 
-def _crossing(drive: Drive, at: Layout, gaps: Clearances) -> _Fault | None:
+def _crossing(drive: Drive, at: Layout, gaps: Clearances) -> Fault | None:
     starts, ends = at.starts, at.ends
     names = drive.span_names
     for i in range(len(names)):
         for j in range(i + 1, len(names)):
             if _segments_cross(starts[i], ends[i], starts[j], ends[j]):
-                return _Fault(
+                return Fault(
                     "pulley",
                     f"the belt path crosses itself: spans {names[i]} and {names[j]}; check the "
                     "pulleys' order, 'listed' and the faces",

@@ -31,11 +31,6 @@ def as_optional(value: Any) -> Array | None:
     return None if value is None else as_real(value)
 
 
-def as_flag(value: Any) -> Array:
-    """A choice kept as the number 0 or 1, so that it does not force a compilation."""
-    return as_real(value)
-
-
 def as_sign(names: Mapping[str, float], value: Any) -> Array:
     """+1 or -1 from one of two words, or from the number itself."""
     if isinstance(value, str):
@@ -92,8 +87,8 @@ class Pulley(eqx.Module):
     rim_radius: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)  # [m]
     # Which pulley drives and which one the arm carries are data, not structure: drives that
     # differ only there share one compiled function and may share a batch.
-    driver: Float[Array, ""] = eqx.field(converter=as_flag, default=0.0)  # 1: its motion is given
-    on_arm: Float[Array, ""] = eqx.field(converter=as_flag, default=0.0)  # 1: carried by the arm
+    driver: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # 1: its motion is given
+    on_arm: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # 1: carried by the arm
 
     def __check_init__(self):
         require_shape(f"Pulley {self.name!r}", self.center, (2,), "center (x, y)")

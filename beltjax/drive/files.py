@@ -1,7 +1,6 @@
 """Drive files: TOML in and out."""
 
 import os
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import jax
@@ -37,6 +36,7 @@ from beltjax.drive.quantities import (
     validated,
 )
 from beltjax.errors import FileError
+from beltjax.writing import write_whole
 
 Point = Annotated[list[Meter], Field(min_length=2, max_length=2)]
 Inertia = Annotated[float, in_unit("kg m^2"), NotNegative]
@@ -130,11 +130,7 @@ def save_drive(path: str | os.PathLike[str], drive: Drive, point: OperatingPoint
 
     All numbers are SI. The file is written in one move: it is complete or absent.
     """
-    content = tomli_w.dumps(drive_content(drive, point))
-    target = Path(path)
-    partial = target.with_name(target.name + ".part")
-    partial.write_text(content, encoding="utf-8")
-    os.replace(partial, target)
+    write_whole(path, tomli_w.dumps(drive_content(drive, point)).encode())
 
 
 def drive_content(drive: Drive, point: OperatingPoint) -> dict[str, Any]:

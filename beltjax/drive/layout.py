@@ -12,7 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from beltjax.drive.components import Drive
-from beltjax.results import RESULTS, first_failure
+from beltjax.results import RESULTS, first_failure, frozen_where_failed
 
 
 class Layout(eqx.Module):
@@ -146,7 +146,7 @@ def layout(drive: Drive, arm_rotation: Float[Array, ""] | float = 0.0) -> Layout
         (jnp.abs(jnp.sum(of.faces * path.wraps) - 2 * jnp.pi) > 1.0, RESULTS.path_not_simple),
         (jnp.any(path.wraps <= 0), RESULTS.contact_lost),
     )
-    return Layout(
+    found = Layout(
         centers=centers,
         directions=directions,
         normals=normals,
@@ -163,6 +163,7 @@ def layout(drive: Drive, arm_rotation: Float[Array, ""] | float = 0.0) -> Layout
         alignment=_alignment(drive, path.arm, directions),
         result=result,
     )
+    return frozen_where_failed(found, result)
 
 
 def _following(values: Float[Array, " n"]) -> Float[Array, " n"]:

@@ -4,6 +4,7 @@ import difflib
 import functools
 import math
 import os
+import re
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
@@ -14,15 +15,33 @@ from pydantic_core import PydanticCustomError
 
 from beltjax.errors import FileError
 
-# Hertz and rad/s have the same dimension to a units library, but differ by 2 pi to people.
-_AMBIGUOUS = {"rad/s": ("hz", "hertz", "cps", "becquerel")}
+_NUMBER_WITH_UNIT = re.compile(
+    r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\W\d_].*|[%°].*)?"
+)
+_STACKED_POWERS = re.compile(r"(\*\*|\^)[\s(+-]*[\d.]+[\s)]*(\*\*|\^)")  # would be computed
+# Words that make a unit one of angle. To a units library an angle has no dimension, so that
+# hertz, "1/min" and a bare number would all pass for angles and differ by 2 pi or 60.
+_ANGLE_UNITS = {
+    "radian",
+    "degree",
+    "turn",
+    "revolution",
+    "cycle",
+    "arcminute",
+    "arcsecond",
+    "grade",
+}
+_ANGLE_UNITS |= {"revolutions_per_minute", "revolutions_per_second", "rpm", "rps", "milliradian"}
 
 
 @functools.cache
-def _units():
+def _units() -> Any:
     import pint  # here, because most files are plain SI and a unit registry takes long to build
 
-    return pint.UnitRegistry(cache_folder=":auto:")
+    registry = pint.UnitRegistry()
+    for alias in ("Nm = newton * meter", "RPM = revolutions_per_minute", "rev = revolution"):
+        registry.define(alias)
+    return registry
 
 
 def to_si(value: Any, unit: str) -> float:
@@ -30,32 +49,64 @@ def to_si(value: Any, unit: str) -> float:
 
     Raises `ValueError` with a text that says what was found and what is expected.
     """
+    wanted = f"a number in {unit}" if unit else "a plain number"
     if isinstance(value, str):
         value = _parsed(value, unit)
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"found {value!r}; give a number in {unit or 'no unit'}")
-    if not math.isfinite(value):
-        raise ValueError(f"found {value}, which is not finite; give a number in {unit}")
-    return float(value)
+        raise ValueError(f"found {_shown(value)}; give {wanted}")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise ValueError(f"found {_shown(value)}, which is not finite; give {wanted}")
+    return number
+
+
+def _shown(value: Any) -> str:
+    """`value` as it is shown in a message, long ones cut."""
+    if isinstance(value, int) and abs(value) >= 10**30:
+        return "an integer of more than 30 digits"
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _parsed(text: str, unit: str) -> float:
+    example = f'a number in {unit}, or a string such as "1.0 {unit}"' if unit else "a plain number"
+    parts = _NUMBER_WITH_UNIT.fullmatch(text)
+    if not parts or _STACKED_POWERS.search(text):
+        raise ValueError(f"found {_shown(text)}, which is not a number with a unit; give {example}")
+    number, written = float(parts[1]), (parts[2] or "").strip()
+    if unit and not written:
+        raise ValueError(f"found {_shown(text)}, which has no unit; give {example}")
+    registry = _units()
+    try:
+        quantity = registry.Quantity(number, registry.Unit(written))
+        converted = float(quantity.to(unit or "dimensionless").magnitude)
+    except registry_errors() as error:
+        raise ValueError(
+            f"found {_shown(text)}, whose unit is not {unit or 'none'}; give {example}"
+        ) from error
+    if unit.startswith("rad") and not _ANGLE_UNITS & set(dict(quantity.unit_items())):
+        raise ValueError(
+            f"found {_shown(text)}, whose unit is no angle; give rad, deg, rad/s or rpm"
+        )
+    return converted
+
+
+def registry_errors() -> tuple[type[Exception], ...]:
+    """What the units library raises for a unit that does not exist or does not fit."""
     import pint
 
-    example = f'a number in {unit}, or a string such as "1.0 {unit}"' if unit else "a plain number"
-    if any(word in text.lower() for word in _AMBIGUOUS.get(unit, ())):
-        raise ValueError(f"found {text!r}, which may mean rad/s or turns/s; use rpm or rad/s")
-    try:
-        quantity = _units().Quantity(text)
-        if unit and quantity.unitless and not unit.startswith("rad"):
-            raise ValueError(f"found {text!r}, which has no unit; give {example}")
-        return float(quantity.to(unit or "dimensionless").magnitude)
-    except pint.errors.DimensionalityError as error:
-        raise ValueError(f"found {text!r}, whose unit is not a {unit}; give {example}") from error
-    except ValueError:
-        raise
-    except Exception as error:  # the parser of units raises many kinds
-        raise ValueError(f"found {text!r}, which is not understood; give {example}") from error
+    # Its parser passes on whatever Python's tokenizer and arithmetic raise.
+    return (
+        pint.errors.PintError,
+        AttributeError,
+        TypeError,
+        ValueError,
+        ArithmeticError,
+        SyntaxError,
+    )
 
 
 def in_unit(unit: str) -> BeforeValidator:
@@ -97,7 +148,7 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
         raise FileError(path, "", f"cannot be read ({reason}); give a TOML file") from error
     except UnicodeDecodeError as error:
         raise FileError(path, "", "is not UTF-8 text; give a TOML file") from error
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError
         raise FileError(path, "", f"is not TOML: {error}; correct that line") from error
 
 
@@ -107,7 +158,8 @@ def validated(table: type[TableType], content: dict[str, Any], path: object) -> 
         return table.model_validate(content)
     except ValidationError as failure:
         errors = failure.errors()
-        first = errors[0]
+        # A misspelt key is also a missing one; the misspelling is what helps.
+        first = min(errors, key=lambda error: error["type"] != "extra_forbidden")
         more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
         key = _key(first["loc"], content)
         raise FileError(path, key, _message(first, table) + more) from failure
@@ -140,13 +192,18 @@ def _message(error: Any, table: type[Table]) -> str:
         close = difflib.get_close_matches(word, sorted(_all_keys(table)), n=1)
         return "is not a known key; " + (f"did you mean {close[0]!r}?" if close else "remove it")
     if kind == "greater_than":
-        return f"found {found!r}; must be greater than {error['ctx']['gt']:g}"
+        return f"found {_shown(found)}; must be greater than {error['ctx']['gt']:g}"
     if kind == "greater_than_equal":
-        return f"found {found!r}; must not be less than {error['ctx']['ge']:g}"
+        return f"found {_shown(found)}; must not be less than {error['ctx']['ge']:g}"
     if kind == "unit":
         return error["msg"]
+    if kind in ("too_long", "too_short"):
+        wanted = error["ctx"].get("max_length", error["ctx"].get("min_length"))
+        return f"found {len(found)} items; give {wanted}"
+    if kind in ("model_type", "dict_type"):
+        return f"found {_shown(found)}; give a table"
     text = error["msg"].removeprefix("Input should be ")
-    shown = repr(found) if not isinstance(found, dict | list) else f"a {type(found).__name__}"
+    shown = _shown(found) if not isinstance(found, dict | list) else f"a {type(found).__name__}"
     return f"found {shown}; give {text}"
 
 

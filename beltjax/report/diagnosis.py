@@ -6,10 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from beltjax.analysis.reference import LARGEST_STRAIN
 from beltjax.analysis.steady import SteadyState
+from beltjax.drive.checks import layout_fault
 from beltjax.drive.components import BeltGiven, Drive, OperatingPoint
 from beltjax.drive.layout import layout
-from beltjax.results import RESULTS, explanation
+from beltjax.results import RESULTS, explanation, succeeded
 
 _SWEEP = 1.0  # the arm is looked at this far to either side of where it is drawn [rad]
 
@@ -22,9 +24,15 @@ class Diagnosis(NamedTuple):
     impossible: bool  # the file describes no drive at all, rather than one that does not run
 
 
-def diagnose(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagnosis:
-    """What to tell the user about a steady state whose `result` is not successful."""
+def diagnose(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagnosis | None:
+    """What to tell the user about a steady state that is no drive's; None if all is well.
+
+    The layout at rest is checked as the drawn one was: torques, or a belt that is given, may
+    have turned the arm into another pulley.
+    """
     result = steady.result
+    if succeeded(result):
+        return _moved_layout_diagnosis(drive, steady)
     if isinstance(drive.installation, BeltGiven) and _one_of(
         result, RESULTS.belt_too_long, RESULTS.belt_too_short, RESULTS.belt_does_not_fit
     ):
@@ -38,10 +46,23 @@ def diagnose(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagno
             f"the arm would stand at {angle:.1f} deg: {explanation(result)}",
             False,
         )
-    key = "operation.torque" if point.torque else "installation"
     if result == RESULTS.belt_overstretched:
-        key = _speed_key(point)
+        return _strain_diagnosis(drive, point, steady)
+    loaded = any(float(torque) for torque in point.torque.values())
+    key = "operation.torque" if loaded else "installation"
     return Diagnosis(key, explanation(result), False)
+
+
+def _moved_layout_diagnosis(drive: Drive, steady: SteadyState) -> Diagnosis | None:
+    if drive.tensioner is None:
+        return None
+    drawn = float(np.arctan2(*np.asarray(drive.arm)[::-1]))
+    turn = float(steady.reference.layout.arm_angle) - drawn
+    fault = layout_fault(drive, turn)
+    if fault is None:
+        return None
+    moved = f"with the arm turned by {np.degrees(turn):.1f} deg to where it rests, "
+    return Diagnosis(fault.key, moved + fault.message, False)
 
 
 def _one_of(result: RESULTS, *members: RESULTS) -> bool:
@@ -69,15 +90,27 @@ def _belt_diagnosis(drive: Drive, rule: BeltGiven) -> Diagnosis:
     )
 
 
+def _strain_diagnosis(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagnosis:
+    at_rest = float(np.max(np.asarray(steady.reference.tensions)) / drive.belt.axial_stiffness)
+    if at_rest > LARGEST_STRAIN:
+        message = f"stretches the belt by {at_rest:.3g} of its length at rest: lower it, or check "
+        return Diagnosis("installation.tension", message + "belt.axial_stiffness", False)
+    if float(steady.groups.bending) > 1.0:
+        message = "makes the belt stiffer than its tension: check its value and unit"
+        return Diagnosis("belt.bending_stiffness", message, False)
+    return Diagnosis(_speed_key(point), explanation(steady.result), False)
+
+
 def _slack_diagnosis(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagnosis:
     reference = steady.reference
     if reference.result == RESULTS.span_slack:
-        return Diagnosis(
-            "operation.torque" if point.torque else "installation.span_tensions",
-            "a span is slack at rest under these torques: raise installation.tension, or lower "
-            "the torques",
-            False,
-        )
+        tensions = np.asarray(reference.tensions)
+        i = int(np.argmin(tensions))
+        found = f"span {drive.span_names[i]} is slack at rest ({tensions[i]:.4g} N)"
+        if getattr(drive.installation, "span_tensions", None) is not None:
+            return Diagnosis("installation.span_tensions", f"{found}: give tensions above 0", False)
+        remedy = "raise installation.tension, or lower the torques"
+        return Diagnosis("operation.torque", f"{found} under these torques: {remedy}", False)
     span = drive.span_names[int(np.argmin(np.asarray(reference.tensions)))]
     return Diagnosis(
         _speed_key(point),

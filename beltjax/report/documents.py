@@ -3,7 +3,6 @@
 import json
 import math
 import os
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from beltjax.analysis.sensitivity import named_numbers
 from beltjax.analysis.steady import SteadyState
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.results import RESULTS, succeeded
+from beltjax.writing import write_whole
 
 
 def analysis_document(
@@ -26,20 +26,17 @@ def analysis_document(
     """
     running = bool(succeeded(steady.result))
     rested = bool(succeeded(steady.reference.result))
+    found = rested or bool(steady.reference.result == RESULTS.span_slack)
     return {
         "drive": drive.name,
         "success": running,
         "layout": _layout(drive, steady),
-        "reference": _reference(drive, steady) if rested or _only_slack(steady) else None,
+        "reference": _reference(drive, steady, rested) if found else None,
         "groups": _groups(steady) if rested else None,
         "steady": _steady(steady) if running else None,
         "modes": None,
         "sensitivities": _sensitivities(gradient) if running else None,
     }
-
-
-def _only_slack(steady: SteadyState) -> bool:
-    return bool(steady.reference.result == RESULTS.span_slack)
 
 
 def _layout(drive: Drive, steady: SteadyState) -> dict[str, Any]:
@@ -59,16 +56,15 @@ def _layout(drive: Drive, steady: SteadyState) -> dict[str, Any]:
     }
 
 
-def _reference(drive: Drive, steady: SteadyState) -> dict[str, Any]:
+def _reference(drive: Drive, steady: SteadyState, rested: bool) -> dict[str, Any]:
     reference = steady.reference
+    effective = rested and drive.tensioner is not None
     return {
         "tensions": _plain(reference.tensions),
         "unstretched_length": _plain(reference.unstretched_length),
         "arm_angle": _plain(reference.arm_angle),
         "free_angle": _plain(reference.free_angle),
-        "tensioner_effectiveness": None
-        if drive.tensioner is None
-        else _plain(steady.effectiveness),
+        "tensioner_effectiveness": _plain(steady.effectiveness) if effective else None,
     }
 
 
@@ -109,7 +105,7 @@ def design_document(design: Any) -> dict[str, Any]:
     implied = [constraint for constraint in design.constraints if constraint.implied]
     return {
         "design": dict(design.values),
-        "objective": {"initial": design.initial, "final": design.final},
+        "objective": {"initial": design.initial, "final": design.final},  # None: nothing runs
         "constraints": [_constraint(constraint) for constraint in asked],
         "implied_constraints": [_constraint(constraint) for constraint in implied],
         "success": design.success,
@@ -134,10 +130,7 @@ def _plain(value: Any) -> Any:
 
 def write_json(document: dict[str, Any], path: str | os.PathLike[str]) -> None:
     """Write one JSON object in one move: the file is complete or absent."""
-    target = Path(path)
-    partial = target.with_name(target.name + ".part")
-    partial.write_text(json_text(document) + "\n", encoding="utf-8")
-    os.replace(partial, target)
+    write_whole(path, (json_text(document) + "\n").encode())
 
 
 def json_text(document: dict[str, Any]) -> str:

@@ -1,5 +1,6 @@
 """Pictures of drives."""
 
+import io
 import os
 
 import numpy as np
@@ -9,6 +10,7 @@ from matplotlib.figure import Figure
 
 from beltjax.drive.components import Drive
 from beltjax.drive.layout import Layout
+from beltjax.writing import write_whole
 
 # Okabe and Ito's palette, which people with any color vision can tell apart.
 BEFORE, AFTER, ARM = "#999999", "#0072B2", "#D55E00"
@@ -59,12 +61,18 @@ def before_and_after(
     for pulley, center in zip(drive.pulleys, np.asarray(at.centers), strict=True):
         top = 1e3 * (center + np.array([0.0, float(pulley.radius)]))
         axes.annotate(
-            pulley.name, tuple(top), (0, 4), textcoords="offset points", ha="center", fontsize=10
+            pulley.name,
+            tuple(top),
+            (0, 4),
+            textcoords="offset points",
+            ha="center",
+            fontsize=10,
+            parse_math=False,
         )
     axes.set_aspect("equal")
     axes.set_xlabel("x [mm]")
     axes.set_ylabel("y [mm]")
-    axes.set_title(title, fontsize=11)
+    axes.set_title(title, fontsize=11, parse_math=False)
     axes.margins(y=0.12)
     axes.legend(loc="best", frameon=False)
     axes.grid(linewidth=0.3)
@@ -73,8 +81,7 @@ def before_and_after(
 
 def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
     """Write a picture in one move: the file is complete or absent."""
-    target = os.fspath(path)
-    partial = target + ".part"
-    kind = os.path.splitext(target)[1].lstrip(".") or "png"
-    figure.savefig(partial, format=kind, dpi=150, bbox_inches="tight")
-    os.replace(partial, target)
+    content = io.BytesIO()
+    kind = os.path.splitext(os.fspath(path))[1].lstrip(".") or "png"
+    figure.savefig(content, format=kind, dpi=150, bbox_inches="tight")
+    write_whole(path, content.getvalue())

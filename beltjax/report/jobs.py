@@ -15,7 +15,7 @@ from beltjax.numerics.compilation import quickly_compiled
 from beltjax.report.diagnosis import diagnose
 from beltjax.report.documents import analysis_document, design_document, plain_numbers
 from beltjax.report.tables import analysis_tables, design_tables
-from beltjax.results import RESULTS, explanation, succeeded
+from beltjax.results import RESULTS, explanation
 
 
 class Report(NamedTuple):
@@ -30,13 +30,11 @@ def analysis_job(path: str | os.PathLike[str]) -> Report:
     """Analyze one drive file. Raises `FileError` where the file describes no possible drive."""
     drive, point = load_drive(path)
     steady, gradient = jax.device_get(quickly_compiled(coupling_sensitivity)(drive, point))
-    failure = ""
-    if not succeeded(steady.result):
-        why = diagnose(drive, point, steady)
-        if why.impossible:
-            raise FileError(path, why.key, why.message)
-        failure = str(FileError(path, why.key, why.message))
-    document = analysis_document(drive, steady, gradient)
+    why = diagnose(drive, point, steady)
+    if why and why.impossible:
+        raise FileError(path, why.key, why.message)
+    failure = str(FileError(path, why.key, why.message)) if why else ""
+    document = analysis_document(drive, steady, gradient) | {"success": not failure}
     tables = analysis_tables(document, plain_numbers(drive, point))
     return Report(document, tables, failure)
 
@@ -81,8 +79,10 @@ def _text(objective: float | None) -> str:
 def _missed(design: Any) -> tuple[str, str]:
     """Key and message of what keeps a design from being a success."""
     missed = [constraint for constraint in design.constraints if constraint.violation]
+    if design.result == RESULTS.no_starting_design:
+        return "variable", explanation(design.result)
     if design.result != RESULTS.constraints_infeasible or not missed:
-        return "optimizer", explanation(design.result)
+        return "optimizer.starts", explanation(design.result)
     parts = []
     for constraint in missed:
         low = constraint.lower is not None and constraint.value < constraint.lower

@@ -4,6 +4,7 @@ import math
 from typing import Any
 
 from rich.console import Group
+from rich.markup import escape
 from rich.table import Table
 
 _LARGEST_SENSITIVITIES = 8
@@ -27,14 +28,17 @@ def plain_table(title: str, *columns: str) -> Table:
 
 def _span_table(document: dict[str, Any]) -> Table:
     table = plain_table(
-        document["drive"], "span", "length (mm)", "tension at rest (N)", "coupling Gamma_i"
+        escape(document["drive"]), "span", "length (mm)", "tension at rest (N)", "coupling Gamma_i"
     )
     spans = document["layout"]["spans"]
     tensions = (document["reference"] or {}).get("tensions", [None] * len(spans))
     coupling = (document["steady"] or {}).get("coupling", [None] * len(spans))
     for span, tension, gamma in zip(spans, tensions, coupling, strict=True):
         table.add_row(
-            span["name"], f"{1e3 * span['length']:.1f}", number(tension, 1), number(gamma, 4)
+            escape(span["name"]),
+            number(1e3 * span["length"], 1),
+            number(tension, 1),
+            number(gamma, 4),
         )
     return table
 
@@ -75,7 +79,7 @@ def _sensitivity_table(slopes: dict[str, Any], sizes: dict[str, Any]) -> Table:
     ]
     rows.sort(key=lambda row: -abs(row[1]))
     for name, change, slope in rows[:_LARGEST_SENSITIVITIES]:
-        table.add_row(name, f"{change:+.3e}", f"{slope:+.4g}")
+        table.add_row(escape(name), f"{change:+.3e}", f"{slope:+.4g}")
     return table
 
 
@@ -100,10 +104,11 @@ def _design_table(document: dict[str, Any], before: dict[str, tuple[float, str]]
     table = plain_table("Design", "variable", "before", "after", "unit")
     for name, value in document["design"].items():
         was, unit = before[name]
-        table.add_row(name, f"{was:.6g}", f"{value:.6g}", unit)
+        table.add_row(escape(name), f"{was:.6g}", f"{value:.6g}", unit)
     objective = document["objective"]
     initial = "-" if objective["initial"] is None else f"{objective['initial']:.6g}"
-    table.add_row("objective", initial, f"{objective['final']:.6g}", style="bold")
+    final = "-" if objective["final"] is None else f"{objective['final']:.6g}"
+    table.add_row("objective", initial, final, style="bold")
     return table
 
 
@@ -118,8 +123,12 @@ def _constraint_table(document: dict[str, Any]) -> Table:
         bounds = [
             "-" if constraint[k] is None else f"{constraint[k]:.6g}" for k in ("lower", "upper")
         ]
-        price = f"{constraint['multiplier']:+.4g}" if constraint["active"] else ""
-        table.add_row(constraint["quantity"], f"{constraint['value']:.6g}", *bounds, state, price)
+        price = ""
+        if constraint["active"] and constraint["multiplier"] is not None:
+            price = f"{constraint['multiplier']:+.4g}"
+        table.add_row(
+            escape(constraint["quantity"]), f"{constraint['value']:.6g}", *bounds, state, price
+        )
     return table
 
 
