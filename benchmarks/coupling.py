@@ -193,8 +193,8 @@ def main() -> None:
         "batch",
         "error",
         "slope error",
-        "compile [s]",
-        "run [us/design]",
+        "compile (s)",
+        "run (us/design)",
         "SciPy over this",
     ):
         table.add_column(name, justify="left" if name == "way" else "right", no_wrap=True)
