@@ -11,9 +11,9 @@ ROOT = Path(__file__).parents[1]
 ALLOWED = {
     "numerics": {"numerics", "results"},
     "physics": {"numerics", "physics", "results"},
-    "drive": {"drive", "results", "errors"},
+    "drive": {"drive", "results", "errors", "writing"},
     "analysis": {"numerics", "physics", "drive", "analysis", "results", "errors"},
-    "report": {"numerics", "drive", "analysis", "report", "results", "errors"},
+    "report": {"numerics", "drive", "analysis", "report", "results", "errors", "writing"},
     "optimize": {"numerics", "drive", "analysis", "results", "errors"},
 }
 

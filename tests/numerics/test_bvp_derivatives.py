@@ -159,6 +159,7 @@ def layered(x, y, p, eps):
     return jnp.stack([y[1], y[0] / eps**2])
 
 
+@pytest.mark.slow
 def test_mesh_grows_only_until_the_estimate_will_do():
     def ends(ya, yb, p, args):
         return jnp.stack([ya[0] - 1.0, yb[0]])

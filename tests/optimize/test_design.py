@@ -12,6 +12,7 @@ import beltjax as bj
 from beltjax.numerics.compilation import quickly_compiled
 
 STUDIES = ["three_pulley_study", "seven_pulley_study"]
+AGAINST_SLSQP = [STUDIES[0], pytest.param(STUDIES[1], marks=pytest.mark.slow)]
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +46,7 @@ def problem(study):
     return quickly_compiled(everything), quickly_compiled(jax.jacrev(everything))
 
 
-@pytest.mark.parametrize("name", STUDIES)
+@pytest.mark.parametrize("name", AGAINST_SLSQP)
 def test_optimum_agrees_with_slsqp(name, outcome):
     study, design = outcome(name)
     assert design.success
