@@ -243,7 +243,6 @@ def deflection(
 ):
     """w_i at x in [0, 1]: the collocation polynomial of w, whose slopes are the stages' v."""
     model = _stiffened(model)
-    model = _stiffened(model)
     mesh = mesh_for(model, Q, intervals, scheme.stages)
     found = shapes(model, Q, mesh, scheme)
     nodes, h = mesh[i], found.h[i]
