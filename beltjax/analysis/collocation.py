@@ -41,7 +41,7 @@ class Collocation(AbstractSteadyMethod):
         assert solved.coupling is not None
         return solved.coupling
 
-    def deflection(self, model: physics.SteadyModel, solved, i, x: Array) -> Array:
+    def deflection(self, model: physics.SteadyModel, th, Q, i, x: Array) -> Array:
         """The collocation polynomial."""
         scheme = gauss(self.stages)
-        return collocation.deflection(model, solved.th, solved.Q, i, x, scheme, self.intervals)
+        return collocation.deflection(model, th, Q, i, x, scheme, self.intervals)

@@ -39,7 +39,7 @@ class AbstractSteadyMethod(eqx.Module):
         """Gamma_i of the solution's shapes."""
 
     @abc.abstractmethod
-    def deflection(self, model: physics.SteadyModel, solved, i, x: Array) -> Array:
+    def deflection(self, model: physics.SteadyModel, th, Q, i, x: Array) -> Array:
         """w_i(x), both over the span's own length."""
 
 
@@ -54,9 +54,9 @@ class Exact(AbstractSteadyMethod):
         """Closed form."""
         return physics.coupling(model, solved.Q)
 
-    def deflection(self, model, solved, i, x):
+    def deflection(self, model, th, Q, i, x):
         """Closed form."""
-        return physics.deflection(model, solved.th, solved.Q, i, x)
+        return physics.deflection(model, th, Q, i, x)
 
 
 class Perturbation(AbstractSteadyMethod):
@@ -70,9 +70,9 @@ class Perturbation(AbstractSteadyMethod):
         """Leading order in eps."""
         return physics.leading_coupling(model, solved.Q)
 
-    def deflection(self, model, solved, i, x):
+    def deflection(self, model, th, Q, i, x):
         """Composite expansion."""
-        return physics.leading_deflection(model, solved.th, solved.Q, i, x)
+        return physics.leading_deflection(model, th, Q, i, x)
 
 
 class Linear(Exact):
@@ -111,16 +111,8 @@ class SteadyState(eqx.Module):
         """
         if not 0 <= i < len(self.coupling):
             raise IndexError(f"span {i} of {len(self.coupling)}: spans count from 0.")
-        solved = physics.SteadySolution(
-            self.tension_change,
-            self.arm_rotation,
-            self.effective_tensions,
-            jnp.array(False),
-            jnp.array(True),
-            self.error,
-            jnp.array(0),
-        )
-        return self.method.deflection(steady_model(self.groups), solved, i, jnp.asarray(x))
+        th, Q = self.arm_rotation, self.effective_tensions
+        return self.method.deflection(steady_model(self.groups), th, Q, i, jnp.asarray(x))
 
 
 @eqx.filter_jit
