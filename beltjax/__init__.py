@@ -4,6 +4,11 @@ import importlib
 from typing import Any
 
 from beltjax.analysis.collocation import Collocation as Collocation
+from beltjax.analysis.damping import Damping as Damping
+from beltjax.analysis.linearization import Linearization as Linearization
+from beltjax.analysis.linearization import linearize as linearize
+from beltjax.analysis.modes import Modes as Modes
+from beltjax.analysis.modes import modes as modes
 from beltjax.analysis.reference import ReferenceState as ReferenceState
 from beltjax.analysis.reference import reference_state as reference_state
 from beltjax.analysis.steady import Exact as Exact
@@ -23,6 +28,8 @@ from beltjax.drive.files import save_drive as save_drive
 from beltjax.drive.layout import Layout as Layout
 from beltjax.drive.layout import layout as layout
 from beltjax.errors import FileError as FileError
+from beltjax.numerics.bases import Legendre as Legendre
+from beltjax.numerics.bases import Sine as Sine
 from beltjax.numerics.bvp import BVPSolution as BVPSolution
 from beltjax.numerics.bvp import solve_bvp as solve_bvp
 from beltjax.numerics.bvp_continuation import Branch as Branch

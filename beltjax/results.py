@@ -49,6 +49,9 @@ if TYPE_CHECKING:
         mesh_exhausted: "RESULTS"
         newton_failed: "RESULTS"
         singular_system: "RESULTS"
+        drive_diverges: "RESULTS"
+        drive_flutters: "RESULTS"
+        frequencies_not_isolated: "RESULTS"
         no_starting_design: "RESULTS"
         constraints_infeasible: "RESULTS"
         optimum_not_reached: "RESULTS"
@@ -119,6 +122,18 @@ else:
         singular_system = (
             "The linearized boundary value problem is singular: a condition is missing or "
             "repeated, the data sit on an eigenvalue, or at a fold (`follow_branch` passes folds)."
+        )
+        drive_diverges = (
+            "The running drive is unstable without oscillating: a mode grows at frequency zero. "
+            "Lower the belt speed or raise the pretension; `growth_rates` shows how fast."
+        )
+        drive_flutters = (
+            "The running drive is unstable: an oscillation grows. Lower the belt speed or raise "
+            "the pretension; `growth_rates` shows which mode."
+        )
+        frequencies_not_isolated = (
+            "The exact frequencies could not be told apart. Use a finer basis for the first "
+            "guess, or modes(..., exact=False)."
         )
         no_starting_design = (
             "No design within the bounds could be evaluated. Widen the bounds, or move them "

@@ -141,7 +141,7 @@ def steady_state(
     # Of a drive that cannot rest nothing is asked but that its numbers stay finite.
     tensions = jnp.where(rested, reference.tensions, reference.base_tension)
     groups, scales = groups_and_scales(
-        drive, reference.layout, tensions, reference.base_tension, point.speed(drive)
+        drive, reference.layout, tensions, reference.base_tension, point
     )
     model = steady_model(groups)
     solved = method.solve(model)

@@ -1,0 +1,154 @@
+"""Linearization of a drive about its steady state: mass, gyroscopic and stiffness matrices."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from beltjax.analysis.steady import SteadyState
+from beltjax.drive.groups import Groups, Scales
+from beltjax.numerics.bases import AbstractBasis, Legendre
+from beltjax.physics import span
+from beltjax.physics.vibration import VibrationModel, assembled
+from beltjax.results import RESULTS, frozen_where_failed, succeeded
+
+
+class Linearization(eqx.Module):
+    """M z'' + G z' + K z = f about a steady state, dimensionless.
+
+    Coordinates: the basis functions of span 1, of span 2, .., the rotations of the pulleys
+    `pulleys` [rad, in the direction of belt travel], the arm's rotation if there is an arm.
+    Energies are in P0 r_t, times in `scales.time`. The driver is held unless `free`.
+    """
+
+    mass: Float[Array, "size size"]
+    gyroscopic: Float[Array, "size size"]
+    stiffness: Float[Array, "size size"]
+    model: VibrationModel
+    pulleys: Int[Array, " turning"]  # places of the pulleys that turn, in the drive's list
+    driver: Int[Array, ""]  # place of the driver in that list
+    arm_damping: Float[Array, ""]
+    groups: Groups
+    scales: Scales
+    steady: SteadyState
+    result: RESULTS
+    basis: AbstractBasis
+    free: bool = eqx.field(static=True)
+    has_arm: bool = eqx.field(static=True)
+    mixed: bool = eqx.field(static=True)  # parts of it belong to different steady states
+
+    @property
+    def spans(self) -> int:
+        """Number of spans."""
+        return len(self.model.lam)
+
+    def split(self, z: Array) -> tuple[Array, Array, Array]:
+        """Coordinates [..., size] as fields [..., spans, n], rotations [..., pulleys] and arm.
+
+        Rotations of pulleys that are held, and of an arm that is not there, are zero.
+        """
+        n = self.spans * self.basis.size
+        fields = z[..., :n].reshape(*z.shape[:-1], self.spans, self.basis.size)
+        turning = z[..., n : n + len(self.pulleys)]
+        whole = jnp.zeros((*z.shape[:-1], self.spans), z.dtype)
+        arm = z[..., -1] if self.has_arm else jnp.zeros(z.shape[:-1], z.dtype)
+        return fields, whole.at[..., self.pulleys].set(turning), arm
+
+
+@eqx.filter_jit
+def linearize(
+    steady: SteadyState,
+    basis: AbstractBasis | None = None,
+    *,
+    free: bool = False,
+    fixed_steady: SteadyState | None = None,
+    fixed_bending: Float[Array, ""] | float | None = None,
+) -> Linearization:
+    """Mass, gyroscopic and stiffness matrices of the drive about its steady state.
+
+    Kong (2003), chapter 4, for any number of pulleys: the second variation of the drive's energy.
+    `basis` is `Legendre(24)` unless given; `Sine(n)` is the source's. The driver is held still,
+    or with `free` turns as the other pulleys do (and the drive has a rigid rotation).
+
+    To tell apart the two ways in which bending stiffness acts, as Fig. 4.6 does:
+    `fixed_steady` takes deflections and tensions from another steady state, `fixed_bending` the
+    belt's resistance to bending (eps) from elsewhere.
+
+    Raises `ValueError` where a pulley or the arm has no inertia. A failed steady state's
+    result travels; its matrices are placeholders without derivatives.
+    """
+    basis = Legendre(24) if basis is None else basis
+    if not isinstance(basis, AbstractBasis):
+        raise ValueError(f"basis: found {basis!r}; give Sine(n) or Legendre(n).")
+    shaped = steady if fixed_steady is None else fixed_steady
+    model = _model(steady, shaped, fixed_bending)
+    result = RESULTS.where(succeeded(steady.result), shaped.result, steady.result)
+    has_arm = steady.reference.arm_angle is not None
+    order, driver = _turning(steady)
+    pulleys = order if free else order[1:]
+    whole = assembled(model, basis)
+    n = len(model.lam) * basis.size
+    kept = jnp.concatenate([jnp.arange(n), n + pulleys])
+    if has_arm:
+        kept = jnp.append(kept, len(whole.mass) - 1)
+    at = jnp.ix_(kept, kept)
+    good, unit = succeeded(result), jnp.eye(len(kept))
+    linearization = Linearization(
+        mass=jnp.where(good, whole.mass[at], unit),
+        gyroscopic=jnp.where(good, whole.gyroscopic[at], 0.0),
+        stiffness=jnp.where(good, whole.stiffness[at], unit),
+        model=model,
+        pulleys=pulleys,
+        driver=driver,
+        arm_damping=steady.groups.arm_damping,
+        groups=steady.groups,
+        scales=steady.scales,
+        steady=steady,
+        result=result,
+        basis=basis,
+        free=free,
+        has_arm=has_arm,
+        mixed=fixed_steady is not None or fixed_bending is not None,
+    )
+    return frozen_where_failed(linearization, result)
+
+
+def _turning(steady: SteadyState) -> tuple[Int[Array, " pulleys"], Int[Array, ""]]:
+    """Places of all pulleys, the driver first and the others in listed order; the driver's."""
+    drives = steady.groups.drives
+    order = jnp.argsort(-drives, stable=True)
+    return order, order[0]
+
+
+def _model(steady: SteadyState, shaped: SteadyState, eps) -> VibrationModel:
+    """The drive in the letters of the source, its deflections and tensions as in `shaped`."""
+    g, h = steady.groups, shaped.groups
+    if g.pulley_inertias is None:
+        raise ValueError(
+            "Pulley.inertia: missing for a pulley; vibration needs the inertia of every pulley."
+        )
+    has_arm = steady.reference.arm_angle is not None
+    if has_arm and g.arm_inertia is None:
+        raise ValueError("Tensioner.inertia: missing; vibration needs the inertia of the arm.")
+    u, z = span.layer_width(h.bending, h.span_ratios, shaped.effective_tensions)
+    return VibrationModel(
+        eps=g.bending if eps is None else jnp.asarray(eps, dtype=float),
+        s=g.speed,
+        tau=g.travel,
+        gam=g.stretch,
+        k_s=g.spring,
+        lam=g.span_ratios,
+        rho=g.arm_ratio,
+        Q=shaped.effective_tensions,
+        kap_s=h.curvature_start,
+        kap_e=h.curvature_end,
+        u=u,
+        z=z,
+        drop=h.arm_slope * shaped.arm_rotation,
+        a=g.arm_slope,
+        w_start=g.arm_lift,
+        pull=g.arm_strain,
+        r=g.radius_ratios,
+        J=g.pulley_inertias,
+        J_t=jnp.zeros(()) if g.arm_inertia is None else g.arm_inertia,
+    )

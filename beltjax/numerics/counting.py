@@ -1,0 +1,111 @@
+"""Roots of a characteristic function that can tell how many of them lie below a point."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from beltjax.numerics.roots import implicit_root
+
+Scalar = Float[Array, ""]
+
+_CLOSE = 1e-12  # relative width of the bracket in which a root has been caught
+_FIRST_STRIDE = 0.01
+
+
+class Counted(NamedTuple):
+    """A root, and the evidence that it is the one asked for."""
+
+    root: Scalar
+    lower: Scalar  # fewer than `number` roots lie below here,
+    upper: Scalar  # and at least `number` below here
+    converged: Bool[Array, ""]
+    steps: Int[Array, ""]
+
+
+class _State(NamedTuple):
+    x: Scalar
+    refined: Scalar  # x after one Newton step
+    lower: Scalar
+    upper: Scalar
+    last: Scalar  # size of the last step
+    stride: Scalar
+    steps: Int[Array, ""]
+
+
+def counted_root(
+    value: Callable[[Scalar], tuple[Scalar, Int[Array, ""]]],
+    number: Int[Array, ""],
+    guess: Scalar,
+    *,
+    wanted: Bool[Array, ""] | bool = True,
+    max_steps: int = 120,
+) -> Counted:
+    """The positive root with that number, 1 for the lowest, of a function that counts them.
+
+    `value(x)` is the function at x > 0 and the number of its roots below x, repeated ones as
+    often as they repeat. The count alone moves the bracket, so neither a neighboring root nor a
+    pole can be taken for the one asked for; Newton's method only chooses where to look next.
+    The root is returned when the bracket is closed on it, to 1e-12, and never before. Where it
+    is not `wanted`, as in a failed lane of a batch, nothing is done and the guess returned.
+    """
+
+    def body(state: _State) -> _State:
+        x = state.x
+        (here, below), (slope, _) = jax.jvp(value, (x,), (jnp.ones_like(x),))
+        over = below >= number
+        lower = jnp.where(over, state.lower, x)
+        upper = jnp.where(over, x, state.upper)
+        newton = -here / jnp.where(slope == 0, 1.0, slope)
+        close = _CLOSE * x
+        refined = jnp.clip(x + newton, lower, upper)
+        # At a root the last thing to do is to step over it, so that the bracket closes.
+        stepped = jnp.where(over, -1.0, 1.0) * jnp.maximum(jnp.abs(newton), close)
+        shrinks = jnp.abs(newton) <= jnp.maximum(0.5 * state.last, close)
+        bracketed = jnp.isfinite(upper) & (lower > 0)
+        limit = state.stride * x
+        stride = jnp.where(bracketed, state.stride, 2.0 * state.stride)
+        towards = jnp.where(over == (newton < 0), stepped, jnp.inf)
+        looking = x + jnp.where(over, -1.0, 1.0) * jnp.minimum(
+            jnp.where(jnp.abs(newton) <= limit, 1.5 * jnp.abs(newton) + close, limit), limit
+        )
+        inside = (x + towards > lower) & (x + towards < upper) & shrinks
+        trial = jnp.where(inside, x + towards, 0.5 * (lower + upper))
+        # Towards a root that is all but reached, also when the step itself points away from it.
+        over_it = jnp.abs(newton) <= close
+        trial = jnp.where(over_it, jnp.clip(x + stepped, lower, upper), trial)
+        trial = jnp.where(bracketed, trial, looking)
+        trial = jnp.maximum(trial, 0.25 * x)
+        return _State(trial, refined, lower, upper, jnp.abs(trial - x), stride, state.steps + 1)
+
+    def open_(state: _State) -> Bool[Array, ""]:
+        return state.upper - state.lower > 4 * _CLOSE * state.x
+
+    def unfinished(state: _State):
+        return wanted & open_(state) & (state.steps < max_steps)
+
+    zero, endless = jnp.zeros_like(guess), jnp.full_like(guess, jnp.inf)
+    stride = jnp.full_like(guess, _FIRST_STRIDE)
+    start = _State(guess, guess, zero, endless, endless, stride, jnp.array(0))
+    end = jax.lax.while_loop(unfinished, body, start)
+    root = jnp.clip(end.refined, end.lower, end.upper)
+    root = jnp.where(open_(end), guess, root)
+    return Counted(root, end.lower, end.upper, ~open_(end), end.steps)
+
+
+def counted_derivative(
+    value: Callable[[Scalar, Any], Scalar], args: Any, root: Scalar, repeated: Bool[Array, ""]
+) -> Scalar:
+    """`root`, with its derivative through `value(root, args)` = 0.
+
+    Of a double root each of the two gets half the derivative of their sum, which is the one
+    that exists: -value_xp/value_xx.
+    """
+
+    def residual(x, args):
+        here, slope = jax.jvp(lambda x: value(x, args), (x,), (jnp.ones_like(x),))
+        return jnp.where(repeated, slope, here)
+
+    return implicit_root(residual, args, root)

@@ -1,0 +1,218 @@
+"""Eigenvalues of M z'' + C z' + K z = 0, and their derivatives.
+
+M is symmetric and positive definite. Where K is too and C = G is skew, the problem is Hermitian:
+with M = L L^T, K = R R^T and S = L^{-1} R,
+
+    H = [[i L^{-1} G L^{-T}, i S], [-i S^T, 0]],      x = (i omega L^T v, R^T v)
+
+has the eigenvalues +-omega, all real, with orthogonal vectors of unit energy
+omega^2 v*Mv + v*Kv = 1. Damped and unstable systems need the general eigenproblem.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Complex, Float
+
+Matrix = Float[Array, "size size"]
+Vectors = Complex[Array, "count size"]
+
+_REPEATED = 1e-9  # relative gap below which a mode has no shape of its own
+
+
+class Eigen(NamedTuple):
+    """Modes z = Re(v e^{lambda t}), of lowest frequency first."""
+
+    values: Complex[Array, " count"]  # lambda = growth rate + i angular frequency
+    vectors: Vectors
+    left: Vectors  # y with y* (lambda^2 M + lambda C + K) = 0; the vectors, where Hermitian
+    stable: Bool[Array, ""]  # no growth rate is positive
+
+
+def positive_definite(matrix: Matrix) -> Bool[Array, ""]:
+    """Whether a symmetric matrix is, safely."""
+    return jnp.all(jnp.isfinite(jnp.linalg.cholesky(matrix)))
+
+
+def hermitian_modes(M: Matrix, G: Matrix, K: Matrix, count: int, rigid: int = 0) -> Eigen:
+    """The `count` lowest modes for K positive definite, or semidefinite with `rigid` zeros.
+
+    Modes of frequency zero are left out. Vectors have unit energy, and their component of
+    largest kinetic energy is real and positive.
+    """
+    M, G, K = jax.lax.stop_gradient((M, G, K))
+    size = len(M)
+    L = jnp.linalg.cholesky(M)
+    if rigid:
+        stiffness, modes = jnp.linalg.eigh(K)
+        R = modes * jnp.sqrt(jnp.maximum(stiffness, 0.0))
+    else:
+        R = jnp.linalg.cholesky(K)
+    S = _solved(L, R)
+    B = _solved(L, _solved(L, G).T).T
+    upper = jnp.concatenate([1j * B, 1j * S], axis=1)
+    lower = jnp.concatenate([-1j * S.T, jnp.zeros_like(K) + 0j], axis=1)
+    omega, x = jnp.linalg.eigh(jnp.concatenate([upper, lower]), symmetrize_input=False)
+    first = size + rigid
+    omega = omega[first : first + count]
+    moving = x[:size, first : first + count] / (1j * omega)
+    vectors = jax.scipy.linalg.solve_triangular(L, moving, trans="T", lower=True).T
+    vectors = _turned(vectors, moving.T)
+    return Eigen(1j * omega, vectors, vectors, jnp.array(True))
+
+
+def general_modes(M: Matrix, C: Matrix, K: Matrix, count: int, rigid: int = 0) -> Eigen:
+    """The `count` lowest modes of any system by its companion matrix.
+
+    Of a pair of conjugate eigenvalues the one with positive frequency is taken, of real ones
+    the half that grows most (or decays least). Sorted by frequency, then by decay.
+    """
+    M, C, K = jax.lax.stop_gradient((M, C, K))
+    size = len(M)
+    values, vectors = jnp.linalg.eig(_companion(M, C, K))
+    scale = jnp.max(jnp.abs(values))
+    still = jnp.abs(values.imag) <= 1e-10 * scale
+    real = jnp.sort(jnp.where(still, values.real, -jnp.inf))[::-1]
+    threshold = real[jnp.maximum(jnp.sum(still) // 2 - 1, 0)]
+    chosen = jnp.where(still, values.real >= threshold, values.imag > 0)
+    order = jnp.argsort(
+        jnp.where(chosen, jnp.where(still, -1.0, values.imag), jnp.inf)
+        - jnp.where(still & chosen, 1e-3 * values.real / scale, 0.0)
+    )[rigid : rigid + count]
+    values = jnp.where(still, values.real + 0j, values)[order]
+    v = vectors[:size, order].T
+    energy = jnp.abs(values) ** 2 * _form(v, M, v).real + jnp.abs(_form(v, K, v).real)
+    v = v / jnp.sqrt(energy)[:, None]
+    stable = jnp.all(values.real <= 1e-9 * scale)
+    v = _turned(v, v * jnp.sqrt(jnp.diag(M)))
+    return Eigen(values, v, _left_vectors(M, C, K, values, v), stable)
+
+
+def _companion(M: Matrix, C: Matrix, K: Matrix) -> Array:
+    size = len(M)
+    solved = jax.scipy.linalg.cho_solve((jnp.linalg.cholesky(M), True), jnp.hstack([K, C]))
+    top = jnp.hstack([jnp.zeros((size, size)), jnp.eye(size)])
+    return jnp.vstack([top, -solved])
+
+
+def _solved(L: Matrix, right: Matrix) -> Matrix:
+    return jax.scipy.linalg.solve_triangular(L, right, lower=True)
+
+
+def _form(left: Vectors, matrix: Matrix, right: Vectors) -> Complex[Array, " count"]:
+    """left* matrix right, mode by mode."""
+    return jnp.sum(jnp.conj(left) * (right @ matrix.T), axis=-1)
+
+
+def _turned(vectors: Vectors, weighted: Vectors) -> Vectors:
+    """`vectors`, each turned so that its component of largest weight is real and positive."""
+    largest = jnp.argmax(jnp.abs(weighted), axis=-1)
+    pivot = jnp.take_along_axis(vectors, largest[:, None], axis=-1)
+    size = jnp.abs(pivot)
+    return vectors * jnp.where(size > 0, jnp.conj(pivot) / jnp.where(size > 0, size, 1.0), 1.0)
+
+
+def _left_vectors(M: Matrix, C: Matrix, K: Matrix, values: Array, vectors: Vectors) -> Vectors:
+    """By inverse iteration with the adjoint."""
+
+    def left(value, vector):
+        # A little off the eigenvalue, where the matrix is not singular to rounding.
+        near = value * (1 + 1e-11) + 1e-300
+        adjoint = (near**2 * M + near * C + K).conj().T
+        y = jnp.linalg.solve(adjoint, vector)
+        y = jnp.linalg.solve(adjoint, y / jnp.linalg.norm(y))
+        return y / jnp.linalg.norm(y)
+
+    return jax.vmap(left)(values, vectors)
+
+
+@jax.custom_jvp
+def eigenvalues(
+    M: Matrix, C: Matrix, K: Matrix, values: Array, left: Vectors, right: Vectors
+) -> Complex[Array, " count"]:
+    """`values`, with their derivatives by M, C and K.
+
+    d lambda = -y* (lambda^2 dM + lambda dC + dK) v / y* (2 lambda M + C) v: no gaps between
+    eigenvalues enter, so that repeated ones have finite derivatives whose sum is right. For
+    Hermitian problems y = v.
+    """
+    return values
+
+
+@eigenvalues.defjvp
+def _eigenvalues_jvp(primals, tangents):
+    M, C, K, values, left, right = primals
+    dM, dC, dK = tangents[:3]
+    change = values**2 * _form(left, dM, right) + values * _form(left, dC, right)
+    change = change + _form(left, dK, right)
+    slope = 2 * values * _form(left, M, right) + _form(left, C, right)
+    return values, -change / jnp.where(slope == 0, 1.0, slope)
+
+
+@jax.custom_jvp
+def eigenvectors(
+    M: Matrix, C: Matrix, K: Matrix, values: Array, vectors: Vectors
+) -> Vectors:
+    """`vectors` of simple modes, with their derivatives by M, C and K.
+
+    They keep unit energy and their phase. Where a mode's frequency repeats its shape has no
+    derivative, and zero is returned.
+    """
+    return vectors
+
+
+@eigenvectors.defjvp
+def _eigenvectors_jvp(primals, tangents):
+    M, C, K, values, vectors = primals
+    dM, dC, dK = tangents[:3]
+    gaps = jnp.abs(values[:, None] - values) + jnp.where(jnp.eye(len(values)) > 0, jnp.inf, 0.0)
+    simple = jnp.min(gaps, axis=1) > _REPEATED * jnp.abs(values)
+
+    def moved(value, v):
+        pencil = value**2 * M + value * C + K
+        slope = (2 * value * M + C) @ v
+        change = (value**2 * dM + value * dC + dK) @ v
+        weight = (M @ v).conj()
+        # (pencil dv + slope dlambda = -change), with v* M dv = 0 for now.
+        bordered = jnp.block([[pencil, slope[:, None]], [weight[None, :], jnp.zeros((1, 1))]])
+        solved = jnp.linalg.solve(bordered, jnp.append(-change, 0.0))
+        dv, dvalue = solved[:-1], solved[-1]
+        # Then along v: unit energy, and a pivot that stays real.
+        square = (value * value.conj()).real
+        energy = 2 * ((value.conj() * dvalue).real * (v.conj() @ M @ v).real)
+        energy = energy + square * (v.conj() @ dM @ v).real + (v.conj() @ dK @ v).real
+        energy = energy + 2 * (v.conj() @ (square * M + K) @ dv).real
+        pivot = jnp.argmax(jnp.where(jnp.abs(v.imag) <= 1e-12 * jnp.abs(v), v.real, -jnp.inf))
+        turn = dv[pivot].imag / v[pivot].real
+        total = (v.conj() @ (square * M + K) @ v).real
+        return dv - (energy / (2 * total) + 1j * turn) * v
+
+    return vectors, jnp.where(simple[:, None], jax.vmap(moved)(values, vectors), 0.0)
+
+
+def modal_damping(M: Matrix, K: Matrix, ratio: Float[Array, ""]) -> Matrix:
+    """Damping matrix that gives every mode of M and K (without G) the same damping ratio."""
+    L = jnp.linalg.cholesky(M)
+    A = _solved(L, _solved(L, K).T).T
+    return 2 * ratio * L @ symmetric_root((A + A.T) / 2) @ L.T
+
+
+@jax.custom_jvp
+def symmetric_root(A: Matrix) -> Matrix:
+    """Square root of a symmetric matrix; negative eigenvalues count as zero.
+
+    Its derivative divides by sums of roots, never by gaps between eigenvalues.
+    """
+    values, vectors = jnp.linalg.eigh(A)
+    return (vectors * jnp.sqrt(jnp.maximum(values, 0.0))) @ vectors.T
+
+
+@symmetric_root.defjvp
+def _symmetric_root_jvp(primals, tangents):
+    (A,), (dA,) = primals, tangents
+    values, vectors = jnp.linalg.eigh(A)
+    roots = jnp.sqrt(jnp.maximum(values, 0.0))
+    sums = roots[:, None] + roots[None, :]
+    inner = vectors.T @ dA @ vectors / jnp.where(sums > 0, sums, jnp.inf)
+    return (vectors * roots) @ vectors.T, vectors @ inner @ vectors.T

@@ -1,0 +1,265 @@
+"""Vibration of a whole drive without discretization (MODEL.md, section 3).
+
+At a given frequency omega each span of the linearized drive has a closed form, because all that
+forces it is its stretch, acting on w*'', which is a sum of two exponentials:
+
+    B w'''' - Q w'' - 2 i c omega w' - m omega^2 w = gamma delta w*'',
+    B = (eps/lam)^2,  c = -tau s lam,  m = lam^2
+
+    w = sum of the four waves of `waves` + gamma delta (alpha A e^{-kx} + beta A' e^{-k(1-x)})
+
+for a motion w e^{i omega t} whose elongation has the amplitude delta. With the spans solved, the
+amplitudes delta of the spans, theta of the pulleys and thetat of the arm obey D(omega) z = 0 with
+D Hermitian. D has poles at the frequencies of the spans held at their ends; D's determinant
+times the spans' own characteristic functions has none, and vanishes at each frequency of the
+drive. The negative pivots of D and the held spans' frequencies count the frequencies below omega
+(Wittrick and Williams, 1971).
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Complex, Float, Int
+
+from beltjax.physics.vibration import VibrationModel, turning_strains
+from beltjax.physics.waves import wave_numbers
+
+Scalar = Float[Array, ""]
+Spans = Float[Array, " spans"]
+ComplexSpans = Complex[Array, " spans"]
+
+_LEAST_STIFFNESS = 1e-30  # below it a span is a string to rounding
+
+
+class _Waves(NamedTuple):
+    """A span's waves and layers at one frequency; a trailing axis of 4 runs over the waves."""
+
+    r: Complex[Array, "spans 4"]
+    start: Complex[Array, "spans 4"]  # the waves at x = 0
+    end: Complex[Array, "spans 4"]
+    bend: Complex[Array, "spans 4"]  # -(r/k)^2: second derivative over k^2
+    k: Spans
+    A: Spans  # w*'' = A e^{-kx} + A_end e^{-k(1-x)}
+    A_end: Spans
+    alpha: ComplexSpans
+    beta: ComplexSpans
+
+
+class SpanResponse(NamedTuple):
+    """Closed-form answer of each span to w(0), w(1) and delta, each in turn 1 (last axis: 3)."""
+
+    waves: Complex[Array, "spans 4 3"]  # amplitudes of the four waves
+    forces: Complex[Array, "spans 3 3"]  # Hermitian: on w(0), on w(1), on delta
+    held: Spans  # vanishes at the frequencies of the span with both ends held
+    below: Int[Array, " spans"]  # how many of those lie below omega
+
+
+class Characteristic(NamedTuple):
+    """The exact eigenvalue problem at one frequency."""
+
+    value: Scalar  # real, without poles, zero at each frequency of the drive
+    below: Int[Array, ""]  # number of frequencies of the drive below omega
+
+
+def _span_waves(m: VibrationModel, omega: Scalar) -> _Waves:
+    B, c = _operator(m)
+    inertia = m.lam**2
+    r1, r2, r3, r4 = wave_numbers(B, m.Q, c, inertia, omega)
+    r = jnp.stack([r1 + 0j, r2 + 0j, r3, r4], axis=-1)
+    k = jnp.sqrt(m.Q / B)
+    E = jnp.exp(-k)
+    shrink = -jnp.expm1(-2 * k)
+    one = jnp.ones_like(r3)
+    phase = jnp.exp(1j * r[:, :3])
+    # The fourth wave is written from x = 1, so that no exponential grows.
+    back = jnp.exp(-1j * r[:, 3])
+    away = 2j * c * omega * k
+    return _Waves(
+        r=r,
+        start=jnp.stack([one, one, one, back], axis=-1),
+        end=jnp.concatenate([phase, one[:, None]], axis=-1),
+        bend=-((r / k[:, None]) ** 2),
+        k=k,
+        A=(m.kap_s - m.kap_e * E) / shrink,
+        A_end=(m.kap_e - m.kap_s * E) / shrink,
+        alpha=1 / (away - inertia * omega**2),
+        beta=1 / (-away - inertia * omega**2),
+    )
+
+
+def _operator(m: VibrationModel) -> tuple[Spans, Spans]:
+    """B and c of the spans."""
+    return jnp.maximum((m.eps / m.lam) ** 2, _LEAST_STIFFNESS), -m.tau * m.s * m.lam
+
+
+def span_response(m: VibrationModel, omega: Scalar) -> SpanResponse:
+    """The spans in closed form at frequency `omega` > 0, for Q > 0."""
+    of = _span_waves(m, omega)
+    _, c = _operator(m)
+    E = jnp.exp(-of.k)
+    forced = m.gam * jnp.stack(
+        [of.A * of.alpha + of.A_end * of.beta * E, of.A * of.alpha * E + of.A_end * of.beta], -1
+    )  # the particular solution at both ends, and its second derivative over k^2
+    amplitudes, determinant = _amplitudes(of, forced)
+
+    # Transverse force Q w' - B w''' + i c omega w of each wave, by the dispersion relation.
+    inertia = (m.lam**2)[:, None]
+    force = 1j * (inertia * omega**2 / of.r - (c * omega)[:, None])
+    slope = _steady_slopes(m, of)
+    push = jnp.einsum("sj,sjc->sc", force * of.start, amplitudes)
+    pull = jnp.einsum("sj,sjc->sc", force * of.end, amplitudes)
+    on_delta = jnp.array([0.0, 0.0, 1.0])
+    extra = 1j * (c * omega)[:, None] * forced + m.gam * slope
+    push = push + extra[:, :1] * on_delta
+    pull = pull + extra[:, 1:] * on_delta
+    # int w*' w' = [w*' w] - int w*'' w
+    moment = jnp.einsum("sj,sjc->sc", _layer_moments(of, E), amplitudes)
+    same = (of.A**2 * of.alpha + of.A_end**2 * of.beta) * -jnp.expm1(-2 * of.k) / (2 * of.k)
+    cross = of.A * of.A_end * (of.alpha + of.beta) * E
+    moment = moment + (m.gam * (same + cross))[:, None] * on_delta
+    ends = jnp.stack([-slope[:, 0], slope[:, 1], jnp.zeros_like(of.k)], axis=-1)
+    stretch = m.gam * (ends - moment - on_delta)
+    held, below = _held_span(of, determinant)
+    return SpanResponse(amplitudes, jnp.stack([-push, pull, stretch], axis=1), held, below)
+
+
+def _amplitudes(of: _Waves, forced) -> tuple[Array, ComplexSpans]:
+    """Amplitudes of the waves [spans 4 3] by the end conditions, and their determinant.
+
+    The two waves that stay at the ends are eliminated by the moments there, which they carry;
+    two equations for the two that travel remain.
+    """
+    near, far = of.end[:, 2], of.start[:, 3]  # what is left of a layer at the other end
+    shared = 1 - near * far
+    give = of.bend[:, :2] * of.start[:, :2], of.bend[:, :2] * of.end[:, :2]
+
+    def layers(h0, h1):
+        """Their moments' amplitudes for given moments at x = 0 and 1."""
+        return (h0 - far[:, None] * h1) / shared[:, None], (h1 - near[:, None] * h0) / shared[
+            :, None
+        ]
+
+    def displaced(at_start, at_end):
+        """Displacements at x = 0 and 1 by layers of such moments."""
+        a, b = at_start / of.bend[:, 2:3], at_end / of.bend[:, 3:4]
+        return a + far[:, None] * b, near[:, None] * a + b
+
+    by_waves = layers(-give[0], -give[1])
+    d0, d1 = displaced(*by_waves)
+    row0, row1 = of.start[:, :2] + d0, of.end[:, :2] + d1  # [spans 2]
+    # Right sides: columns for w(0) = 1, w(1) = 1, delta = 1.
+    zero = jnp.zeros_like(forced[:, 0])
+    h0, h1 = jnp.stack([zero, zero, -forced[:, 0]], -1), jnp.stack([zero, zero, -forced[:, 1]], -1)
+    by_delta = layers(h0, h1)
+    e0, e1 = displaced(*by_delta)
+    rhs0 = jnp.array([1.0, 0.0, 0.0]) + h0 - e0
+    rhs1 = jnp.array([0.0, 1.0, 0.0]) + h1 - e1
+    determinant = row0[:, 0] * row1[:, 1] - row0[:, 1] * row1[:, 0]
+    over = jnp.where(determinant == 0, 1e-300, determinant)[:, None]
+    c1 = (rhs0 * row1[:, 1:] - rhs1 * row0[:, 1:]) / over
+    c2 = (rhs1 * row0[:, :1] - rhs0 * row1[:, :1]) / over
+    c3 = by_waves[0][:, :1] * c1 + by_waves[0][:, 1:] * c2 + by_delta[0]
+    c4 = by_waves[1][:, :1] * c1 + by_waves[1][:, 1:] * c2 + by_delta[1]
+    c3, c4 = c3 / of.bend[:, 2:3], c4 / of.bend[:, 3:4]
+    return jnp.stack([c1, c2, c3, c4], axis=1), determinant
+
+
+def _steady_slopes(m: VibrationModel, of: _Waves) -> Float[Array, "spans 2"]:
+    """w*' at both ends."""
+    E = jnp.exp(-of.k)
+    middle = m.drop - (m.kap_e - m.kap_s) / of.k**2
+    start = middle + (of.A_end * E - of.A) / of.k
+    end = middle + (of.A_end - of.A * E) / of.k
+    return jnp.stack([start, end], axis=-1)
+
+
+def _layer_moments(of: _Waves, E: Spans) -> Complex[Array, "spans 4"]:
+    """Integral of w*'' with each wave."""
+    k, ir = of.k[:, None], 1j * of.r
+    # A wave that stays at one end and the layer at the other have nearly the same exponent.
+    forward = _mean_exponential(jnp.concatenate([ir - k], axis=-1))  # int e^{(ir - k) x}
+    toward = _mean_exponential(-(ir + k))  # int e^{-(ir + k)(1 - x)}
+    with_start = jnp.stack(
+        [*(forward[:, j] for j in range(3)), of.start[:, 3] * forward[:, 3]], axis=-1
+    )
+    near = E * _mean_exponential(ir[:, 2] + of.k)
+    with_end = jnp.stack(
+        [of.end[:, 0] * toward[:, 0], of.end[:, 1] * toward[:, 1], near, toward[:, 3]], axis=-1
+    )
+    return of.A[:, None] * with_start + of.A_end[:, None] * with_end
+
+
+def _mean_exponential(a: Array) -> Array:
+    """(e^a - 1)/a, for Re a not large and positive."""
+    small = jnp.abs(a) < 1e-2
+    safe = jnp.where(small, 1.0, a)
+    series = 1 + a / 2 * (1 + a / 3 * (1 + a / 4 * (1 + a / 5 * (1 + a / 6))))
+    return jnp.where(small, series, (jnp.exp(safe) - 1) / safe)
+
+
+def _held_span(of: _Waves, determinant: ComplexSpans) -> tuple[Spans, Int[Array, " spans"]]:
+    """Characteristic function of each span with both ends held, and its zeros below omega.
+
+    The closure of the phase, in which the ends' layers do not feel each other, counts up to
+    the last zero; the sign of the function itself, (-1)^count, decides that one.
+    """
+    r1, r2 = of.r[:, 0].real, of.r[:, 1].real
+    held = -(determinant * jnp.exp(-0.5j * (r1 + r2))).imag
+    q1, q2, q3, q4 = (of.bend[:, j] for j in range(4))
+    lag = jnp.angle((1 - q1 / q3) * (1 - q2 / q4))
+    half_turns = ((r1 - r2) / 2 - lag) / jnp.pi
+    nearest = jnp.round(half_turns).astype(int)
+    sign = jnp.where(nearest % 2 == 0, 1.0, -1.0)
+    return held, jnp.maximum(jnp.where(held * sign > 0, nearest, nearest - 1), 0)
+
+
+def dynamic_stiffness(
+    m: VibrationModel, kept: Int[Array, " kept"], arm: bool, omega: Scalar, of: SpanResponse
+) -> tuple[Float[Array, " spans"], Complex[Array, "spans turns"], Complex[Array, "turns turns"]]:
+    """D(omega) in three blocks: delta with delta (diagonal), with the rotations, and theirs.
+
+    The rotations are those of the pulleys `kept`, then that of the arm if there is one. delta is
+    measured in 1/sqrt(ka gamma), so that its block is near -1 but for its poles.
+    """
+    scale = jnp.sqrt(m.ka * m.gam)
+    on_delta = (m.ka * of.forces[:, 2, 2]).real / scale**2
+    coupling = (scale[:, None] * turning_strains(m)[:, kept]).astype(complex)
+    inertias = m.J[kept]
+    if arm:
+        lift = jnp.stack([m.w_start, m.w_start + m.a], axis=-1)
+        to_arm = m.ka * jnp.einsum("sa,sa->s", of.forces[:, 2, :2], lift) / scale
+        coupling = jnp.concatenate([coupling, (to_arm + scale * m.pull)[:, None]], axis=1)
+        inertias = jnp.append(inertias, m.J_t)
+    own = jnp.diag(-(omega**2) * inertias).astype(complex)
+    if arm:
+        lifted = jnp.einsum("sa,sab,sb->s", lift, of.forces[:, :2, :2], lift)
+        own = own.at[-1, -1].add(m.k_s + jnp.sum(m.ka * lifted).real)
+    return on_delta, coupling, own
+
+
+def characteristic(
+    m: VibrationModel, kept: Int[Array, " kept"], arm: bool, omega: Scalar
+) -> Characteristic:
+    """Characteristic function of the drive at `omega` > 0, and how many frequencies lie below."""
+    of = span_response(m, omega)
+    on_delta, coupling, own = dynamic_stiffness(m, kept, arm, omega, of)
+    pivots = jnp.where(on_delta == 0, -1e-300, on_delta)
+    rest = own - jnp.einsum("sa,s,sb->ab", jnp.conj(coupling), 1 / pivots, coupling)
+    later = _pivots(rest)
+    value = jnp.prod(pivots) * jnp.prod(later) * jnp.prod(of.held)
+    # Each span's delta is a multiplier: one negative pivot a span counts nothing.
+    negative = jnp.sum(pivots < 0) + jnp.sum(later < 0) - len(m.lam)
+    return Characteristic(value, negative + jnp.sum(of.below))
+
+
+def _pivots(matrix: Complex[Array, "n n"]) -> Float[Array, " n"]:
+    """Pivots of Gaussian elimination of a Hermitian matrix: their signs are its inertia."""
+
+    def eliminate(left, j):
+        pivot = left[j, j].real
+        pivot = jnp.where(pivot == 0, 1e-300, pivot)
+        return left - jnp.outer(left[:, j], left[j, :]) / pivot, pivot
+
+    _, pivots = jax.lax.scan(eliminate, matrix, jnp.arange(len(matrix)))
+    return pivots
