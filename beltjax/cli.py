@@ -76,6 +76,8 @@ def main() -> NoReturn:
 
 
 def _run() -> None:
+    # Small eigenproblems: a second thread of OpenBLAS only waits, for seconds on a busy machine.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Imported here, where an interrupt is caught: it brings in JAX, which takes a second.
     from beltjax.errors import FileError
 

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from beltjax.analysis.steady import SteadyState
+from beltjax.drive.components import Drive
 from beltjax.drive.groups import Groups, Scales
 from beltjax.numerics.bases import AbstractBasis, Legendre
 from beltjax.physics import span
@@ -152,3 +153,9 @@ def _model(steady: SteadyState, shaped: SteadyState, eps) -> VibrationModel:
         J=g.pulley_inertias,
         J_t=jnp.zeros(()) if g.arm_inertia is None else g.arm_inertia,
     )
+
+
+def has_inertias(drive: Drive) -> bool:
+    """Whether every pulley and the arm have the inertia that vibration needs."""
+    arm = drive.tensioner is None or drive.tensioner.inertia is not None
+    return arm and all(pulley.inertia is not None for pulley in drive.pulleys)

@@ -1,6 +1,7 @@
 """Natural modes of a drive about its steady state, and their derivatives."""
 
-from typing import Literal
+import functools
+from typing import Literal, NamedTuple
 
 import equinox as eqx
 import jax
@@ -19,7 +20,7 @@ from beltjax.numerics.gyroscopic import (
     hermitian_modes,
     positive_definite,
 )
-from beltjax.physics.exact_vibration import characteristic
+from beltjax.physics.exact_vibration import Characteristic, characteristic
 from beltjax.physics.vibration import VibrationModel
 from beltjax.results import RESULTS, first_failure, frozen_where_failed, succeeded
 
@@ -115,32 +116,58 @@ def modes(
     `exact` could not close in. Raises `ValueError` for a count above the system's size.
     """
     lin = linearization
-    rigid = 1 if lin.free else 0
-    _require_askable(lin, count, len(lin.mass) - rigid, exact, damping, route)
-    M, K, C = lin.mass, lin.stiffness, lin.gyroscopic
+    _require_askable(lin, count, len(lin.mass) - _rigid(lin), exact, damping, route)
+    C = lin.gyroscopic
     if damping is not None:
         C, route = C + damping_matrix(lin, damping), "general"
-    definite = _definite(K, rigid)
-    found = _eigen(jax.lax.stop_gradient((M, C, K)), count, rigid, definite, route)
-    values = eigenvalues(M, C, K, found.values, found.left, found.vectors)
-    vectors = eigenvectors(M, C, K, found.values, found.vectors)
-    frequencies, error, isolated = values.imag, _tail(lin, found.vectors), jnp.array(True)
-    if exact:
-        wanted = definite & succeeded(lin.result)
-        polished, frequencies = _exact(lin, found.values.imag, wanted, rigid)
-        isolated = jnp.all(polished.converged) | ~wanted
-        error = jnp.where(wanted, (polished.upper - polished.lower) / polished.root, error)
-    flutters = jnp.any((values.real > 0) & (values.imag > 0)) & ~found.stable
-    placeholders = ~definite & (route == "hermitian")
-    result = first_failure(
+    found = found_modes(lin, C, count, exact, route)
+    eigen = found.eigen
+    values = eigenvalues(lin.mass, C, lin.stiffness, eigen.values, eigen.left, eigen.vectors)
+    vectors = eigenvectors(lin.mass, C, lin.stiffness, eigen.values, eigen.vectors)
+    frequencies = values.imag if found.polished is None else exact_frequencies(lin, found)
+    result = _result(lin, found, values, route)
+    answer = described(lin, found, frequencies, values.real, vectors, result)
+    return frozen_where_failed(answer, RESULTS.where(found.usable, RESULTS.successful, result))
+
+
+class Found(NamedTuple):
+    """Modes as they were found, without derivatives."""
+
+    eigen: Eigen
+    polished: Counted | None  # exact frequencies, where asked for
+    definite: Bool[Array, ""]  # whether K is
+    usable: Bool[Array, ""]  # whether the values mean anything
+
+
+def found_modes(lin: Linearization, C: Array, count: int, exact: bool, route: Route) -> Found:
+    """Solve the eigenproblem of M, C and K, and polish its frequencies if `exact`."""
+    lin, C = jax.lax.stop_gradient((lin, C))
+    rigid, good = _rigid(lin), succeeded(lin.result)
+    definite = _definite(lin.stiffness, rigid)
+    eigen = _eigen((lin.mass, C, lin.stiffness), count, rigid, definite, route)
+    usable = good & (definite | (route != "hermitian"))
+    if not exact:
+        return Found(eigen, None, definite, usable)
+    polished = _polished(lin, eigen.values.imag, definite & good)
+    return Found(eigen, polished, definite, usable & (jnp.all(polished.converged) | ~definite))
+
+
+def _rigid(lin: Linearization) -> int:
+    """Number of rigid rotations."""
+    return 1 if lin.free else 0
+
+
+def _result(lin: Linearization, found: Found, values, route: Route) -> RESULTS:
+    isolated = True if found.polished is None else jnp.all(found.polished.converged)
+    unstable = ~found.eigen.stable
+    flutters = unstable & jnp.any((values.real > 0) & (values.imag > 0))
+    unsolved = ~found.definite & (route == "hermitian")
+    return first_failure(
         (~succeeded(lin.result), lin.result),
-        (~isolated, RESULTS.frequencies_not_isolated),
+        (found.definite & ~jnp.asarray(isolated), RESULTS.frequencies_not_isolated),
         (flutters, RESULTS.drive_flutters),
-        (placeholders | ~found.stable, RESULTS.drive_diverges),
+        (unsolved | unstable, RESULTS.drive_diverges),
     )
-    answer = _modes(lin, frequencies, values.real, vectors, error, result)
-    spoiled = ~succeeded(lin.result) | ~isolated | placeholders
-    return frozen_where_failed(answer, RESULTS.where(spoiled, result, RESULTS.successful))
 
 
 def _require_askable(lin: Linearization, count, size, exact, damping, route) -> None:
@@ -181,28 +208,43 @@ def _eigen(matrices, count: int, rigid: int, definite, route: Route) -> Eigen:
     return jax.lax.cond(definite, hermitian, general, matrices)
 
 
-def _exact(lin: Linearization, guesses, wanted, rigid: int) -> tuple[Counted, Array]:
-    """Frequencies as roots of the characteristic function, and with their derivatives."""
-    model = jax.tree.map(lambda a, b: jnp.where(wanted, a, b), lin.model, _bare(lin.model))
-    guesses = jnp.where(wanted, guesses, 1.0)
-    numbers = rigid + 1 + jnp.arange(len(guesses))
-    fixed = jax.lax.stop_gradient(model)
+def _safe_model(lin: Linearization, wanted) -> tuple[VibrationModel, Array]:
+    """What the characteristic function depends on: the model, harmless where not wanted."""
+    bare = _bare(lin.model)
+    return jax.tree.map(lambda a, b: jnp.where(wanted, a, b), lin.model, bare), lin.pulleys
 
-    def at(model, omega):
-        return characteristic(model, lin.pulleys, lin.has_arm, omega)
+
+def _at(omega, args, *, has_arm: bool) -> Characteristic:
+    return characteristic(*args, has_arm, omega)
+
+
+def _value(omega, args, *, has_arm: bool) -> Array:
+    return _at(omega, args, has_arm=has_arm).value
+
+
+def _polished(lin: Linearization, guesses, wanted) -> Counted:
+    """Frequencies as roots of the characteristic function, each by its number."""
+    args = _safe_model(lin, wanted)
+    guesses = jnp.where(wanted, guesses, 1.0)
+    numbers = _rigid(lin) + 1 + jnp.arange(len(guesses))
 
     def polish(number, guess):
-        return counted_root(lambda omega: at(fixed, omega), number, guess, wanted=wanted)
+        at = functools.partial(_at, args=args, has_arm=lin.has_arm)
+        return counted_root(at, number, guess, wanted=wanted)
 
-    polished = jax.vmap(polish)(numbers, guesses)
-    roots = polished.root
+    return jax.vmap(polish)(numbers, guesses)
+
+
+def exact_frequencies(lin: Linearization, found: Found) -> Float[Array, " count"]:
+    """The polished frequencies with their derivatives; the basis' own where K is not definite."""
+    assert found.polished is not None
+    wanted = found.definite & succeeded(lin.result)
+    args, value = _safe_model(lin, wanted), functools.partial(_value, has_arm=lin.has_arm)
+    roots = found.polished.root
     gaps = jnp.abs(roots[:, None] - roots) + jnp.where(jnp.eye(len(roots)) > 0, jnp.inf, 0.0)
     repeated = jnp.min(gaps, axis=1) < _SAME * roots
-
-    def differentiated(root, repeated):
-        return counted_derivative(lambda w, m: at(m, w).value, model, root, repeated)
-
-    return polished, jax.vmap(differentiated)(roots, repeated)
+    exact = jax.vmap(lambda root, two: counted_derivative(value, args, root, two))(roots, repeated)
+    return jnp.where(wanted, exact, found.eigen.values.imag)
 
 
 def _bare(model: VibrationModel) -> VibrationModel:
@@ -224,7 +266,14 @@ def _tail(lin: Linearization, vectors: Array) -> Float[Array, " count"]:
     return jnp.max(jnp.sum(energy[..., -2:], axis=-1), axis=-1) / jnp.where(whole > 0, whole, 1.0)
 
 
-def _modes(lin: Linearization, dimensionless, growth, vectors, error, result) -> Modes:
+def described(
+    lin: Linearization, found: Found, dimensionless, growth, vectors, result: RESULTS
+) -> Modes:
+    """Frequencies and vectors in physical units, with their shares of energy."""
+    error = _tail(lin, found.eigen.vectors)
+    if found.polished is not None:
+        width = found.polished.upper - found.polished.lower
+        error = jnp.where(found.definite, width / found.polished.root, error)
     fields, rotations, arm = lin.split(vectors)
     m, of = lin.model, lin.basis.products()
     spans = m.lam**2 * m.ka * _span_squares(lin, fields, arm, of)
@@ -258,3 +307,24 @@ def _span_squares(lin: Linearization, fields, arm, of: Products) -> Float[Array,
     cross = jnp.einsum("ksa,sa->ks", jnp.conj(fields), lift) * arm[:, None]
     square = m.w_start**2 + m.w_start * m.a + m.a**2 / 3
     return own + 2 * cross.real + square * (jnp.abs(arm) ** 2)[:, None]
+
+
+def modes_with_slopes(lin: Linearization, count: int) -> tuple[Modes, Linearization]:
+    """Undamped modes, and the derivative of each frequency by the numbers of the linearization.
+
+    The same as those of `modes`, at a fraction of the compiling: the shapes' are left out.
+    """
+    found = found_modes(lin, lin.gyroscopic, count, False, "hermitian")
+    eigen = found.eigen
+    result = _result(lin, found, eigen.values, "hermitian")
+
+    def frequencies(lin):
+        matrices = lin.mass, lin.gyroscopic, lin.stiffness
+        raw = eigenvalues(*matrices, eigen.values, eigen.left, eigen.vectors).imag
+        raw = raw / lin.scales.time
+        return frozen_where_failed(raw, RESULTS.where(found.usable, RESULTS.successful, result))
+
+    _, pull = eqx.filter_vjp(frequencies, lin)
+    (slopes,) = jax.vmap(pull)(jnp.eye(count))
+    values = eigen.values
+    return described(lin, found, values.imag, values.real, eigen.vectors, result), slopes

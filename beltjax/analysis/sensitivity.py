@@ -1,16 +1,30 @@
 """Derivatives of what an engineer asks about, by the names of the numbers in the drive file."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array
 
+from beltjax.analysis.linearization import has_inertias, linearize
+from beltjax.analysis.modes import Modes, modes_with_slopes
 from beltjax.analysis.steady import SteadyState, steady_state
 from beltjax.drive.components import Drive, OperatingPoint
 
 # Choices kept as numbers for the compiler's sake, not numbers of the drive.
 _FLAGS = ("name", "face", "driver", "on_arm", "travel", "torque")
+
+Gradient = tuple[Drive, OperatingPoint]
+
+
+class Sensitivities(NamedTuple):
+    """States of a drive, and how its numbers move them."""
+
+    steady: SteadyState
+    modes: Modes | None  # None where an inertia is missing
+    coupling: Gradient  # of Gamma, all spans
+    frequencies: Gradient | None  # of each frequency [rad/s], along a leading axis
 
 
 def named_numbers(drive: Drive, point: OperatingPoint) -> dict[str, Array]:
@@ -35,17 +49,26 @@ def _fields(table: str, part: Any) -> dict[str, Array]:
 
 
 @eqx.filter_jit
-def coupling_sensitivity(
-    drive: Drive, point: OperatingPoint
-) -> tuple[SteadyState, tuple[Drive, OperatingPoint]]:
-    """The steady state, and the total derivative of Gamma with respect to drive and point.
+def sensitivities(drive: Drive, point: OperatingPoint, count: int, basis) -> Sensitivities:
+    """Steady state and exact modes, and the total derivatives of Gamma and of the frequencies.
 
-    Never raises: read the state's `result`. The derivative of a failed state is zero.
+    Never raises for numbers: read each state's result. Derivatives of a failed state are zero.
+    Everything is pulled back through the steady state at once.
     """
+    vibrates = has_inertias(drive)
 
-    def total(numbers):
+    def states(numbers):
         steady = steady_state(*numbers, throw=False)
-        return jnp.sum(steady.coupling), steady
+        linearization = linearize(steady, basis) if vibrates else None
+        return (jnp.sum(steady.coupling), linearization), steady
 
-    (_, steady), gradient = eqx.filter_value_and_grad(total, has_aux=True)((drive, point))
-    return steady, gradient
+    (total, linearization), pull, steady = eqx.filter_vjp(states, (drive, point), has_aux=True)
+    if linearization is None:
+        return Sensitivities(steady, None, pull((jnp.ones_like(total), None))[0], None)
+    modes, slopes = modes_with_slopes(linearization, count)
+    # Gamma's own slopes go with those of the frequencies, so that all are pulled back at once.
+    rows = jnp.zeros(count + 1).at[0].set(1.0)
+    slopes = jax.tree.map(lambda x: jnp.concatenate([jnp.zeros_like(x[:1]), x]), slopes)
+    (gradients,) = jax.vmap(pull)((rows, slopes))
+    coupling = jax.tree.map(lambda x: x[0], gradients)
+    return Sensitivities(steady, modes, coupling, jax.tree.map(lambda x: x[1:], gradients))

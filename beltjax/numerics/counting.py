@@ -3,11 +3,10 @@
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
-
-from beltjax.numerics.roots import implicit_root
 
 Scalar = Float[Array, ""]
 
@@ -98,14 +97,37 @@ def counted_root(
 def counted_derivative(
     value: Callable[[Scalar, Any], Scalar], args: Any, root: Scalar, repeated: Bool[Array, ""]
 ) -> Scalar:
-    """`root`, with its derivative through `value(root, args)` = 0.
+    """`root`, with its derivative by `args` through `value(root, args)` = 0.
 
     Of a double root each of the two gets half the derivative of their sum, which is the one
-    that exists: -value_xp/value_xx.
+    that exists: -value_xp/value_xx, the slopes taken between two points close by, to 1e-10.
     """
+    return _held_root(args, root, repeated, value=value)
 
-    def residual(x, args):
-        here, slope = jax.jvp(lambda x: value(x, args), (x,), (jnp.ones_like(x),))
-        return jnp.where(repeated, slope, here)
 
-    return implicit_root(residual, args, root)
+@eqx.filter_custom_jvp
+def _held_root(args, root, repeated, *, value):
+    return root
+
+
+@_held_root.def_jvp
+def _held_root_jvp(primals, tangents, *, value):
+    args, root, repeated = primals
+    sides = jnp.array([1.0, -1.0])
+
+    def residual(arguments):
+        x, args = arguments
+        apart = jnp.where(repeated, 1e-5 * jax.lax.stop_gradient(x), 0.0)
+        here, there = jax.vmap(lambda h: value(x + h, args))(apart * sides)
+        return jnp.where(repeated, here - there, here)
+
+    # One reverse pass gives every slope; what is left to transpose is a sum.
+    by_root, by_args = eqx.filter_grad(residual)((root, args))
+    parts = jax.tree.map(
+        lambda slope, tangent: None if tangent is None else jnp.sum(slope * tangent),
+        by_args,
+        tangents[0],
+        is_leaf=lambda leaf: leaf is None,
+    )
+    change = sum(jax.tree.leaves(parts), jnp.zeros(()))
+    return root, -change / jnp.where(by_root == 0, 1.0, by_root)

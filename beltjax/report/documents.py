@@ -7,35 +7,33 @@ from typing import Any
 
 import numpy as np
 
-from beltjax.analysis.sensitivity import named_numbers
+from beltjax.analysis.modes import Modes
+from beltjax.analysis.sensitivity import Sensitivities, named_numbers
 from beltjax.analysis.steady import SteadyState
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.results import RESULTS, succeeded
 from beltjax.writing import write_whole
 
 
-def analysis_document(
-    drive: Drive,
-    steady: SteadyState,
-    gradient: tuple[Drive, OperatingPoint],
-) -> dict[str, Any]:
-    """Layout, reference state, groups, steady state and sensitivities of one drive.
+def analysis_document(drive: Drive, found: Sensitivities) -> dict[str, Any]:
+    """Layout, reference state, groups, steady state, modes and sensitivities of one drive.
 
     What does not apply is None: the arm of a drive without tensioner, the states beyond one
     that failed.
     """
+    steady = found.steady
     running = bool(succeeded(steady.result))
     rested = bool(succeeded(steady.reference.result))
-    found = rested or bool(steady.reference.result == RESULTS.span_slack)
+    rests = rested or bool(steady.reference.result == RESULTS.span_slack)
     return {
         "drive": drive.name,
         "success": running,
         "layout": _layout(drive, steady),
-        "reference": _reference(drive, steady, rested) if found else None,
+        "reference": _reference(drive, steady, rested) if rests else None,
         "groups": _groups(steady) if rested else None,
         "steady": _steady(steady) if running else None,
-        "modes": None,
-        "sensitivities": _sensitivities(gradient) if running else None,
+        "modes": _modes(drive, found.modes) if running and found.modes else None,
+        "sensitivities": _sensitivities(found) if running else None,
     }
 
 
@@ -90,8 +88,27 @@ def _steady(steady: SteadyState) -> dict[str, Any]:
     }
 
 
-def _sensitivities(gradient) -> dict[str, Any]:
-    return {"coupling_total": plain_numbers(*gradient), "frequencies": None}
+def _modes(drive: Drive, modes: Modes) -> dict[str, Any]:
+    return {
+        "dimensionless": _plain(modes.dimensionless),
+        "hertz": _plain(np.asarray(modes.frequencies) / (2 * np.pi)),
+        "labels": list(mode_labels(drive, modes)),
+        "error": _plain(modes.error),
+    }
+
+
+def mode_labels(drive: Drive, modes: Modes) -> tuple[str, ...]:
+    """The modes' labels with the spans' names in them."""
+    names = {f"span {i}": f"span {name}" for i, name in enumerate(drive.span_names)}
+    return tuple(names.get(label, label) for label in modes.labels)
+
+
+def _sensitivities(found: Sensitivities) -> dict[str, Any]:
+    frequencies = found.frequencies
+    return {
+        "coupling_total": plain_numbers(*found.coupling),
+        "frequencies": None if frequencies is None else plain_numbers(*frequencies),
+    }
 
 
 def plain_numbers(drive: Drive, point: OperatingPoint) -> dict[str, Any]:

@@ -8,14 +8,18 @@ from typing import Any, NamedTuple
 import jax
 from rich.console import RenderableType
 
-from beltjax.analysis.sensitivity import coupling_sensitivity
+from beltjax.analysis.sensitivity import sensitivities
 from beltjax.drive.files import load_drive, save_drive
 from beltjax.errors import FileError
+from beltjax.numerics.bases import Legendre
 from beltjax.numerics.compilation import quickly_compiled
 from beltjax.report.diagnosis import diagnose
 from beltjax.report.documents import analysis_document, design_document, plain_numbers
 from beltjax.report.tables import analysis_tables, design_tables
 from beltjax.results import RESULTS, explanation
+
+MODES = 8
+BASIS = Legendre(40)  # frequencies to 1e-6 for any bending stiffness, and mostly to 1e-10
 
 
 class Report(NamedTuple):
@@ -29,12 +33,12 @@ class Report(NamedTuple):
 def analysis_job(path: str | os.PathLike[str]) -> Report:
     """Analyze one drive file. Raises `FileError` where the file describes no possible drive."""
     drive, point = load_drive(path)
-    steady, gradient = jax.device_get(quickly_compiled(coupling_sensitivity)(drive, point))
-    why = diagnose(drive, point, steady)
+    found = jax.device_get(quickly_compiled(sensitivities)(drive, point, MODES, BASIS))
+    why = diagnose(drive, point, found.steady)
     if why and why.impossible:
         raise FileError(path, why.key, why.message)
     failure = str(FileError(path, why.key, why.message)) if why else ""
-    document = analysis_document(drive, steady, gradient) | {"success": not failure}
+    document = analysis_document(drive, found) | {"success": not failure}
     tables = analysis_tables(document, plain_numbers(drive, point))
     return Report(document, tables, failure)
 

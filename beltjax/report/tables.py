@@ -13,6 +13,8 @@ _LARGEST_SENSITIVITIES = 8
 def analysis_tables(document: dict[str, Any], sizes: dict[str, Any]) -> Group:
     """The tables of `beltjax analyze`, from its JSON document and the numbers of the drive."""
     parts = [_span_table(document), _summary_table(document)]
+    if document["modes"]:
+        parts.append(_mode_table(document["modes"]))
     if document["sensitivities"]:
         parts.append(_sensitivity_table(document["sensitivities"]["coupling_total"], sizes))
     return Group(*parts)
@@ -61,6 +63,15 @@ def _summary_table(document: dict[str, Any]) -> Table:
     for label, value, digits, unit in rows:
         if value is not None:
             table.add_row(label, number(value, digits), unit)
+    return table
+
+
+def _mode_table(modes: dict[str, Any]) -> Table:
+    table = plain_table("Natural modes", "moves most", "Hz", "dimensionless")
+    for label, hertz, omega in zip(
+        modes["labels"], modes["hertz"], modes["dimensionless"], strict=True
+    ):
+        table.add_row(escape(label), number(hertz, 2), number(omega, 4))
     return table
 
 
