@@ -10,7 +10,12 @@ from beltjax.drive.components import Drive
 from beltjax.drive.groups import Groups, Scales
 from beltjax.numerics.bases import AbstractBasis, Legendre
 from beltjax.physics import span
-from beltjax.physics.vibration import VibrationModel, assembled
+from beltjax.physics.vibration import (
+    VibrationModel,
+    assembled,
+    elongations,
+    turning_strains,
+)
 from beltjax.results import RESULTS, frozen_where_failed, succeeded
 
 
@@ -25,6 +30,8 @@ class Linearization(eqx.Module):
     mass: Float[Array, "size size"]
     gyroscopic: Float[Array, "size size"]
     stiffness: Float[Array, "size size"]
+    elongations: Float[Array, "spans size"]  # strain of each span per unit of each coordinate
+    driving: Float[Array, " spans"]  # and per radian of the driver, where it is held
     model: VibrationModel
     pulleys: Int[Array, " turning"]  # places of the pulleys that turn, in the drive's list
     driver: Int[Array, ""]  # place of the driver in that list
@@ -98,6 +105,8 @@ def linearize(
         mass=jnp.where(good, whole.mass[at], unit),
         gyroscopic=jnp.where(good, whole.gyroscopic[at], 0.0),
         stiffness=jnp.where(good, whole.stiffness[at], unit),
+        elongations=jnp.where(good, elongations(model, basis)[:, kept], 0.0),
+        driving=jnp.where(good, turning_strains(model)[:, driver], 0.0) * (not free),
         model=model,
         pulleys=pulleys,
         driver=driver,

@@ -155,7 +155,7 @@ def _legendre_values(t: Array, count: int) -> Array:
         before, here = pair
         return (here, ((2 * j + 1) * t * here - j * before) / (j + 1)), before
 
-    _, values = jax.lax.scan(following, (jnp.ones_like(t), t), jnp.arange(count))
+    _, values = jax.lax.scan(following, (jnp.ones_like(t), t), jnp.arange(1, count + 1))
     return jnp.moveaxis(values, 0, -1)
 
 

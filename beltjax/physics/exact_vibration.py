@@ -263,3 +263,22 @@ def _pivots(matrix: Complex[Array, "n n"]) -> Float[Array, " n"]:
 
     _, pivots = jax.lax.scan(eliminate, matrix, jnp.arange(len(matrix)))
     return pivots
+
+
+def spans_in_motion(
+    m: VibrationModel, omega: Scalar, delta: Array, thetat: Array, x: Float[Array, " points"]
+) -> Complex[Array, "spans points"]:
+    """Deflections w of the spans at x for elongations `delta` and the arm's rotation `thetat`.
+
+    `delta` is in the measure of `dynamic_stiffness`.
+    """
+    of = _span_waves(m, omega)
+    delta = delta / jnp.sqrt(m.ka * m.gam)
+    given = jnp.stack([m.w_start * thetat, (m.w_start + m.a) * thetat, delta], axis=-1)
+    amplitudes = jnp.einsum("sjc,sc->sj", span_response(m, omega).waves, given)
+    r, k = of.r[:, :, None], of.k[:, None]
+    # The fourth wave is written from x = 1.
+    fields = jnp.exp(1j * r * jnp.where(jnp.arange(4)[None, :, None] == 3, x - 1, x))
+    near, far = (of.A * of.alpha)[:, None], (of.A_end * of.beta)[:, None]
+    layers = near * jnp.exp(-k * x) + far * jnp.exp(-k * (1 - x))
+    return jnp.einsum("sj,sjx->sx", amplitudes, fields) + (m.gam * delta)[:, None] * layers

@@ -1,0 +1,274 @@
+"""Forced vibration of a drive: crank motion or accessory torque, at one speed or over a range."""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Complex, Float
+
+from beltjax.analysis.damping import Damping, damping_matrix
+from beltjax.analysis.linearization import Linearization, linearize
+from beltjax.analysis.steady import steady_state
+from beltjax.drive.components import Drive, OperatingPoint, as_real, concrete
+from beltjax.numerics.bases import AbstractBasis, Legendre
+from beltjax.physics.exact_vibration import (
+    dynamic_stiffness,
+    span_response,
+    spans_in_motion,
+)
+from beltjax.results import RESULTS, frozen_where_failed, succeeded
+
+_POINTS = 65  # at which the peak of a span is looked for before it is refined
+
+
+class Excitation(eqx.Module):
+    """A harmonic excitation: the driver's rotation, torques on pulleys, or both.
+
+    Amplitudes are zero to peak and may be complex: z(t) = Re(z e^{i Omega t}). Torques act in
+    the direction of belt travel.
+    """
+
+    crank: Complex[Array, ""] = eqx.field(converter=lambda x: jnp.asarray(x, complex), default=0.0)
+    torques: dict[str, Complex[Array, ""]] = eqx.field(
+        converter=lambda t: {name: jnp.asarray(x, complex) for name, x in t.items()},
+        default_factory=dict,
+    )  # [N m], by name of pulley
+
+    def on(self, names: tuple[str, ...]) -> Complex[Array, " pulleys"]:
+        """Torque on each pulley [N m]; raises `ValueError` for a name that is not there."""
+        for name in self.torques:
+            if name not in names:
+                raise ValueError(
+                    f"Excitation.torques: there is no pulley {name!r}; give one of "
+                    f"{', '.join(names)}."
+                )
+        return jnp.stack([self.torques.get(name, jnp.zeros((), complex)) for name in names])
+
+
+class Response(eqx.Module):
+    """Steady oscillation at each frequency: amplitudes zero to peak, z(t) = Re(z e^{i Omega t})."""
+
+    frequencies: Float[Array, " points"]  # Omega [rad/s]
+    rotations: Complex[Array, "points pulleys"]  # [rad], in the direction of belt travel
+    arm_rotation: Complex[Array, " points"]  # [rad], counterclockwise
+    span_peaks: Float[Array, "points spans"]  # largest deflection over each span [m]
+    tensions: Complex[Array, "points spans"]  # tension fluctuations [N]
+    hub_loads: Float[Array, "points pulleys"]  # [N], of the vector sum of those tensions
+    coordinates: Complex[Array, "points size"] | None  # in the linearization's basis; None: exact
+    result: RESULTS
+
+
+@eqx.filter_jit
+def frequency_response(
+    linearization: Linearization,
+    frequencies: Float[Array, " points"],
+    excitation: Excitation,
+    names: tuple[str, ...] = (),
+    *,
+    damping: Damping | None = None,
+    exact: bool = False,
+) -> Response:
+    """Response of a linearized drive to a harmonic excitation at `frequencies` > 0 [rad/s].
+
+    Solves (-Omega^2 M + i Omega (G + C) + K) z = f; `damping` is `Damping()` unless given: the
+    arm's own. `names` are the drive's pulley names, needed for torques. `exact` solves the
+    spans in closed form instead, D(Omega) z = f (MODEL.md, section 3), for arm damping alone.
+
+    Raises `ValueError` for frequencies that are empty or not positive, for an excitation of a
+    pulley that is not there, for crank motion of a drive linearized `free`, and for `exact`
+    with modal or stiffness damping. A failed linearization's result travels.
+    """
+    lin, damping = linearization, Damping() if damping is None else damping
+    frequencies = jnp.atleast_1d(as_real(frequencies))
+    _require_frequencies(frequencies)
+    if exact:
+        _require_closed_form(lin, damping)
+    torques = excitation.on(names) if excitation.torques else jnp.zeros(lin.spans, complex)
+    forces = torques / (lin.scales.tension * lin.model.rho * lin.scales.length)
+    omega = frequencies * lin.scales.time
+    solve = _exactly if exact else _by_basis
+    fields = jax.vmap(lambda w: solve(lin, w, excitation.crank, forces, damping))(omega)
+    answer = _in_newtons(lin, frequencies, *fields, excitation.crank)
+    return frozen_where_failed(answer, lin.result)
+
+
+def _require_frequencies(frequencies: Array) -> None:
+    if frequencies.size == 0:
+        raise ValueError("frequencies: found none; give at least one [rad/s].")
+    numbers = concrete(frequencies)
+    if numbers is not None and not (numbers > 0).all():
+        raise ValueError(f"frequencies: must be positive [rad/s]; found {numbers.min():g}.")
+
+
+def _require_closed_form(lin: Linearization, damping: Damping) -> None:
+    modal, stiffness = concrete(damping.modal), concrete(damping.stiffness)
+    if (modal is not None and modal.any()) or (stiffness is not None and stiffness.any()):
+        raise ValueError("exact: modal and stiffness damping have no closed form; leave them out.")
+    if lin.mixed or lin.free:
+        raise ValueError("exact: leave out free, fixed_steady and fixed_bending.")
+
+
+def _by_basis(lin: Linearization, omega, crank, forces, damping: Damping):
+    """Coordinates, strains and peaks at one frequency by the linearization's basis."""
+    C = lin.gyroscopic + damping_matrix(lin, damping)
+    factor = 1 + 1j * omega * damping.stiffness / lin.scales.time  # belt, with its damping
+    pencil = lin.stiffness - omega**2 * lin.mass + 1j * omega * C
+    work = lin.model.ka * lin.model.gam
+    load = -factor * crank * (lin.elongations.T @ (work * lin.driving))
+    n = lin.spans * lin.basis.size
+    load = load.at[n : n + len(lin.pulleys)].add(forces[lin.pulleys])
+    z = jnp.linalg.solve(pencil, load)
+    strains = lin.elongations @ z + lin.driving * crank
+    fields, rotations, arm = lin.split(z)
+
+    def deflection(i, x, order):
+        lifted = [lin.model.w_start[i] + lin.model.a[i] * x, lin.model.a[i], 0.0][order]
+        return lin.basis.values(x, order) @ fields[i] + lifted * arm
+
+    peaks = jax.vmap(lambda i: _peak(lambda x, order: deflection(i, x, order)))(
+        jnp.arange(lin.spans)
+    )
+    return z, rotations, arm, strains, peaks
+
+
+def _peak(deflection: Callable[[Array, int], Array]) -> Float[Array, ""]:
+    """Largest |w| over a span: the best of a grid, and one Newton step from there."""
+    grid = jnp.linspace(0.0, 1.0, _POINTS)
+    best = grid[jnp.argmax(jnp.abs(jax.vmap(lambda x: deflection(x, 0))(grid)))]
+    w, slope, bend = (jax.lax.stop_gradient(deflection(best, order)) for order in range(3))
+    first = (jnp.conj(w) * slope).real
+    second = (jnp.conj(w) * bend).real + jnp.abs(slope) ** 2
+    step = jnp.where(second < 0, -first / jnp.where(second < 0, second, 1.0), 0.0)
+    # At the best place itself the slope vanishes: its move changes nothing to first order.
+    place = jnp.clip(best + jnp.clip(step, -1 / _POINTS, 1 / _POINTS), 0.0, 1.0)
+    return _modulus(deflection(place, 0))
+
+
+def _modulus(w: Complex[Array, "..."]) -> Float[Array, "..."]:
+    """|w|, with derivative 0 at 0."""
+    square = w.real**2 + w.imag**2
+    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
+
+
+def _exactly(lin: Linearization, omega, crank, forces, damping: Damping):
+    """The same without discretization: D(Omega) z = f."""
+    m = lin.model
+    of = span_response(m, omega)
+    on_delta, coupling, own = dynamic_stiffness(m, lin.pulleys, lin.has_arm, omega, of)
+    if lin.has_arm and damping.arm:
+        own = own.at[-1, -1].add(1j * omega * lin.arm_damping)
+    whole = jnp.block([[jnp.diag(on_delta) + 0j, coupling], [coupling.conj().T, own]])
+    scale = jnp.sqrt(m.ka * m.gam)
+    rotors = forces[lin.pulleys]
+    if lin.has_arm:
+        rotors = jnp.append(rotors, 0.0)
+    z = jnp.linalg.solve(whole, jnp.concatenate([-scale * lin.driving * crank, rotors]))
+    delta, turning = z[: lin.spans], z[lin.spans : lin.spans + len(lin.pulleys)]
+    arm = z[-1] if lin.has_arm else jnp.zeros((), complex)
+    rotations = jnp.zeros(lin.spans, complex).at[lin.pulleys].set(turning)
+    fine = jnp.linspace(0.0, 1.0, 8 * _POINTS + 1)
+    peaks = jnp.max(_modulus(spans_in_motion(m, omega, delta, arm, fine)), axis=1)
+    return None, rotations, arm, delta / scale, peaks
+
+
+def _in_newtons(lin, frequencies, z, rotations, arm, strains, peaks, crank) -> Response:
+    m, scales = lin.model, lin.scales
+    tensions = scales.tension * m.gam * strains
+    # Pulley i is pulled along the span that starts there and against the one that ends there.
+    along = lin.steady.reference.layout.directions
+    pulls = tensions[..., None] * along
+    hub = _modulus(pulls - jnp.roll(pulls, 1, axis=1))
+    rotations = rotations + crank * jnp.zeros(lin.spans).at[lin.driver].set(1.0 - lin.free)
+    return Response(
+        frequencies=frequencies,
+        rotations=rotations,
+        arm_rotation=arm,
+        span_peaks=peaks * m.lam * scales.length,
+        tensions=tensions,
+        hub_loads=jnp.sqrt(jnp.sum(hub**2, axis=-1) + 1e-300),
+        coordinates=z,
+        result=lin.result,
+    )
+
+
+@eqx.filter_jit
+def speed_response(
+    drive: Drive,
+    point: OperatingPoint,
+    driver_speeds: Float[Array, " points"],
+    excitation: Excitation,
+    *,
+    order: float = 2.0,
+    damping: Damping | None = None,
+    basis: AbstractBasis | None = None,
+) -> Response:
+    """Response over a range of the driver's speed [rad/s], excited at `order` times that speed.
+
+    The steady state is that of each speed. `basis` is `Legendre(16)` unless given. Every field
+    of the result has the speeds along its first axis, `result` too.
+    """
+    driver_speeds = jnp.atleast_1d(as_real(driver_speeds))
+    _require_frequencies(driver_speeds)
+    basis = Legendre(16) if basis is None else basis
+
+    def at(speed):
+        moved = eqx.tree_at(
+            lambda p: (p.belt_speed, p.driver_speed),
+            point,
+            (None, speed),
+            is_leaf=lambda leaf: leaf is None,
+        )
+        steady = steady_state(drive, moved, throw=False)
+        lin = linearize(steady, basis)
+        found = frequency_response(
+            lin, order * speed[None], excitation, drive.pulley_names, damping=damping
+        )
+        result = found.result
+        flat = eqx.tree_at(lambda r: r.result, found, None)
+        return jax.tree.map(lambda x: x[0], flat), result
+
+    fields, result = jax.vmap(at)(driver_speeds)
+    return eqx.tree_at(lambda r: r.result, fields, result, is_leaf=lambda leaf: leaf is None)
+
+
+def peak_response(
+    linearization: Linearization,
+    amplitude: Callable[[Response], Array],
+    lower: float,
+    upper: float,
+    excitation: Excitation,
+    names: tuple[str, ...] = (),
+    *,
+    damping: Damping | None = None,
+    points: int = 400,
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Largest value of `amplitude(response)` between two frequencies [rad/s], and where it is.
+
+    `amplitude` takes a response at one frequency to a real number. The best of a grid of
+    `points` is refined; the derivative of the peak is exact, since its place does not matter to
+    first order.
+    """
+    if not 0 < float(lower) < float(upper):
+        raise ValueError(f"lower, upper: found {lower:g}, {upper:g}; give 0 < lower < upper.")
+
+    def at(omega, lin):
+        found = frequency_response(lin, omega[None], excitation, names, damping=damping)
+        return jnp.squeeze(amplitude(found))
+
+    fixed = jax.lax.stop_gradient(linearization)
+    grid = jnp.linspace(lower, upper, points)
+    place = grid[jnp.argmax(jax.vmap(lambda omega: at(omega, fixed))(grid))]
+    slope = jax.grad(at)
+    for _ in range(6):
+        first, second = jax.jvp(lambda w: slope(w, fixed), (place,), (jnp.ones(()),))
+        step = jnp.where(second < 0, -first / jnp.where(second < 0, second, 1.0), 0.0)
+        reach = (grid[1] - grid[0]) / 2
+        place = jnp.clip(place + jnp.clip(step, -reach, reach), lower, upper)
+    place = jax.lax.stop_gradient(place)
+    return at(place, linearization), place
+
+
+def accepted(response: Response) -> Array:
+    """Whether each point of a response was found."""
+    return succeeded(response.result)
