@@ -105,6 +105,20 @@ four_states = group(
 )
 
 
+def swirling(x, y, p, e):
+    """Cash-Mazzia 33, flow between disks that turn against each other; y is (f .. f''', g, g').
+
+    e f'''' + f f''' + g g' = 0,   e g'' + f g' - f' g = 0.
+    """
+    f, f1, f2, f3, g, g1 = y
+    return jnp.stack([f1, f2, f3, -(f * f3 + g * g1) / e, g1, (f1 * g - f * g1) / e])
+
+
+def disks(ya, yb, p, e):
+    """f = f' = 0 on both disks, which turn at -1 and 1."""
+    return jnp.stack([ya[0], ya[1], yb[0], yb[1], ya[4] + 1, yb[4] - 1])
+
+
 def tensioned_beam(x, e):
     """Exact deflection: (e/2) coth(1/(2e)) [cosh((x - 1/2)/e)/cosh(1/(2e)) - 1] + x(1 - x)/2."""
     z = np.abs(np.asarray(x) - 0.5)

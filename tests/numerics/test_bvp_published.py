@@ -8,8 +8,10 @@ import scipy.integrate
 import scipy.special
 
 from beltjax.numerics.bvp import solve_bvp
+from beltjax.numerics.bvp_continuation import continue_bvp
 from beltjax.results import RESULTS
 from numerics import bvp_problems as problems
+from numerics.cash_mazzia_references import SWIRL, SWIRL_POINTS
 
 NODES = 65
 X = np.linspace(0.0, 1.0, 41)
@@ -97,6 +99,19 @@ def test_sturm_liouville_eigenvalue(n):
 
     solution = with_parameter(problems.EIGENVALUE, 0.0, (0.0, 1.0), guess, 0.95 * exact)
     assert float(solution.parameters[0]) == pytest.approx(exact, rel=1e-8)
+
+
+@pytest.mark.parametrize("e", sorted(SWIRL))
+def test_swirling_flow(e):
+    x = jnp.linspace(0.0, 1.0, 2)
+    guess = (x, jnp.stack([0 * x, 0 * x, 0 * x, 0 * x, 2 * x - 1, 2 + 0 * x]))
+    path = np.geomspace(1.0, e, 6)
+    solution = continue_bvp(
+        problems.swirling, problems.disks, (0.0, 1.0), guess, path=path, nodes=NODES
+    )
+    f, _, _, _, g, _ = solution(SWIRL_POINTS)
+    np.testing.assert_allclose(f, SWIRL[e][0], atol=1e-7)
+    np.testing.assert_allclose(g, SWIRL[e][1], atol=1e-7)
 
 
 @pytest.mark.parametrize("e", [0.3, 0.02, 1e-3, 1e-4])
