@@ -19,7 +19,7 @@ from beltjax.numerics.bvp_checks import (
     is_traced,
 )
 from beltjax.numerics.bvp_collocation import Problem, Unknowns, interpolate
-from beltjax.numerics.bvp_estimate import ROUNDING
+from beltjax.numerics.bvp_estimate import ROUNDING, SINGULAR
 from beltjax.numerics.bvp_gauss import gauss
 from beltjax.numerics.bvp_solve import (
     Evidence,
@@ -161,7 +161,8 @@ def as_solution(
     good = usable(evidence)
     known = evidence.estimate
     # Nothing better can be had in double precision, on whatever mesh.
-    singular = ~evidence.regular | (ROUNDING * known.condition > tol)
+    hopeless = (ROUNDING * known.condition > tol) | (known.condition > SINGULAR)
+    singular = ~evidence.regular | hopeless
     result = first_failure(
         (~evidence.finite, RESULTS.equations_nonfinite),
         (singular, RESULTS.singular_system),

@@ -32,6 +32,7 @@ from beltjax.numerics.bvp_gauss import Gauss, gauss
 from beltjax.numerics.bvp_mesh import scale_of
 
 ROUNDING = 2.0**-53  # relative, of one operation
+SINGULAR = 1e12  # condition beyond which rounding leaves nothing to judge by, whatever is asked
 RESOLVED = 6.0  # |h lambda| that a formula of three stages or more follows closely
 SHORTEST = 1e-8  # piece of an interval: less would not be told from its end
 PROBES = 2
