@@ -120,8 +120,9 @@ else:
             "(`continue_bvp`). There may also be no solution."
         )
         singular_system = (
-            "The linearized boundary value problem is singular: a condition is missing or "
-            "repeated, the data sit on an eigenvalue, or at a fold (`follow_branch` passes folds)."
+            "The linearized boundary value problem is singular, or so ill-conditioned that "
+            "rounding alone exceeds the tolerance: a condition is missing or repeated, the data "
+            "sit on an eigenvalue or resonance, or at a fold (`follow_branch` passes folds)."
         )
         drive_diverges = (
             "The running drive is unstable without oscillating: a mode grows at frequency zero. "

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 from jaxtyping import Array, Float
@@ -20,11 +19,10 @@ from beltjax.numerics.bvp_checks import (
     is_traced,
 )
 from beltjax.numerics.bvp_collocation import Problem, Unknowns, interpolate
+from beltjax.numerics.bvp_estimate import ROUNDING, SINGULAR
 from beltjax.numerics.bvp_gauss import gauss
 from beltjax.numerics.bvp_solve import (
-    SINGULAR,
     Evidence,
-    condition,
     search,
     usable,
     with_derivative,
@@ -47,7 +45,7 @@ class BVPSolution(eqx.Module):
     parameters: Float[Array, " k"]
     error: Float[Array, ""]  # estimated, relative to 1 + max |y_j| (1 + |p_j|), nodes or not
     defect: Float[Array, ""]  # largest |u' - f(x, u)|/(1 + |u'|) found
-    condition: Float[Array, ""]  # response of y to unit changes of the equations, lower bound
+    condition: Float[Array, ""]  # response found to jumps of y and changes of bc of their sizes
     result: RESULTS
     stats: dict[str, Array]  # newton_steps, mesh_sweeps
     interval: tuple[Float[Array, ""], Float[Array, ""]]
@@ -160,25 +158,24 @@ def as_solution(
     problem: Problem, z: Unknowns, evidence: Evidence, tol: Float[Array, ""]
 ) -> BVPSolution:
     """What the search found, with the verdict on it."""
-    held = jax.lax.stop_gradient((evidence, z))
     good = usable(evidence)
-    cond = condition(gauss(z.K.shape[0]), *held)
-    cond = jnp.where(jnp.isfinite(cond), cond, jnp.inf)
-    fine = evidence.error <= tol
-    singular = ~evidence.regular | (~(good & fine) & (cond > SINGULAR))
+    known = evidence.estimate
+    # Nothing better can be had in double precision, on whatever mesh.
+    hopeless = (ROUNDING * known.condition > tol) | (known.condition > SINGULAR)
+    singular = ~evidence.regular | hopeless
     result = first_failure(
         (~evidence.finite, RESULTS.equations_nonfinite),
         (singular, RESULTS.singular_system),
         (~evidence.converged, RESULTS.newton_failed),
-        (~fine, RESULTS.mesh_exhausted),
+        (known.error > tol, RESULTS.mesh_exhausted),
     )
     return BVPSolution(
         x=problem.a + (problem.b - problem.a) * evidence.mesh,
         y=z.y,
         parameters=z.p,
-        error=jnp.where(good, evidence.error, jnp.inf),
-        defect=jnp.where(good, evidence.defect, jnp.inf),
-        condition=cond,
+        error=jnp.where(good, known.error, jnp.inf),
+        defect=jnp.where(good, known.defect, jnp.inf),
+        condition=known.condition,
         result=result,
         stats={"newton_steps": evidence.passes, "mesh_sweeps": evidence.sweeps},
         interval=(problem.a, problem.b),

@@ -165,8 +165,7 @@ def carry_forward(merges: Merges, g: Float[Array, "steps+1 n lanes"]):
 
 def carry_back(merges: Merges, tops, y_first, y_last, p):
     """The middle nodes, from the nodes at the merged link's ends and p."""
-    known = tops - sum(merges.first[:, :, j] * y_first[j] for j in range(len(y_first)))
-    known = known - sum(merges.par[:, :, j] * p[j] for j in range(len(p)))
+    known = tops - jnp.sum(merges.first * y_first, axis=2) - jnp.sum(merges.par * p, axis=2)
 
     def step(y_next, given):
         last, known = given

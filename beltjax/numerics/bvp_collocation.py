@@ -64,6 +64,8 @@ class Factor(NamedTuple):
     response: Float[Array, "sn n+k N"]  # of the stages to (y_i, p)
     steps: Float[Array, " N"]
     chain: ChainFactor
+    mean: Float[Array, "n n N"]  # h df/dy over each interval
+    ends: Ends
 
 
 def interval_lengths(problem: Problem, mesh: Mesh) -> Float[Array, " N"]:
@@ -121,7 +123,8 @@ def factored(problem: Problem, scheme: Gauss, mesh: Mesh, z: Unknowns) -> tuple[
     one = jnp.broadcast_to(jnp.eye(n)[..., None], (n, n, N))
     links = Links(-one - carried[:, :n], one, -carried[:, n:])
     ends = Ends(*jax.jacfwd(problem.bc, (0, 1, 2))(z.y[:, 0], z.y[:, -1], z.p, problem.args))
-    factor = Factor(inner, response, h, factor_chain(links, ends))
+    mean = h * mix(scheme.weights, J[:, :, :n])
+    factor = Factor(inner, response, h, factor_chain(links, ends), mean, ends)
     return _assemble(problem, scheme, mesh, z, slopes), factor
 
 
@@ -134,12 +137,6 @@ def solve_factored(factor: Factor, scheme: Gauss, right: Residual) -> Unknowns:
     both = jnp.concatenate([y[:, :-1], jnp.broadcast_to(p[:, None], (len(p), N))])
     K = matvec(factor.response, both) - forced
     return Unknowns(y, K.reshape(s, n, N), p)
-
-
-def transfer(scheme: Gauss, z: Unknowns, to: Gauss) -> Unknowns:
-    """The same piecewise polynomial's derivatives at another formula's points."""
-    powers = to.points[:, None] ** jnp.arange(scheme.stages)
-    return z._replace(K=mix(powers @ scheme.slope.T, z.K))
 
 
 def interpolate(
@@ -159,12 +156,14 @@ def interpolate(
     return z.y[:, i] + h * jnp.sum(B[:, None] * K, axis=0), jnp.sum(lagrange[:, None] * K, axis=0)
 
 
-def remesh(problem: Problem, scheme: Gauss, old: Mesh, z: Unknowns, new: Mesh) -> Unknowns:
-    """The same function on another mesh."""
+def remesh(
+    problem: Problem, scheme: Gauss, old: Mesh, z: Unknowns, new: Mesh, to: Gauss
+) -> Unknowns:
+    """The same function on another mesh, by its slopes at the points of the formula `to`."""
     y, _ = interpolate(problem.b - problem.a, scheme, old, z, new)
-    fractions = new[:-1] + scheme.points[:, None] * jnp.diff(new)
+    fractions = new[:-1] + to.points[:, None] * jnp.diff(new)
     _, K = interpolate(problem.b - problem.a, scheme, old, z, fractions.reshape(-1))
-    n, s = z.y.shape[0], scheme.stages
+    n, s = z.y.shape[0], to.stages
     return Unknowns(y, jnp.moveaxis(K.reshape(n, s, -1), 0, 1), z.p)
 
 

@@ -52,8 +52,20 @@ class _State(NamedTuple):
     regular: Bool[Array, ""]
 
 
-def _plus(z: Unknowns, t, d: Unknowns) -> Unknowns:
-    return jax.tree.map(lambda a, b: a + t * b, z, d)
+class _Trial(NamedTuple):
+    """A trial point and both Newton steps from it: with the old linearization, and its own."""
+
+    z: Unknowns
+    simplified: Unknowns
+    direction: Unknowns
+    factor: Factor
+    finite: Bool[Array, ""]  # the equations there
+
+
+class _Outcome(NamedTuple):
+    accept: Bool[Array, ""]
+    damping: Float[Array, ""]  # for the next direction, or for this one again
+    size: Float[Array, ""]  # largest component of the trial's own direction
 
 
 def newton(
@@ -68,77 +80,16 @@ def newton(
 ) -> NewtonResult:
     """Zero of the collocation equations near `start`; steps are below `tol` at the end."""
 
-    def sizes(d: Unknowns, z: Unknowns):
-        scale = scale_of(z.y)
-        parts = [d.y / scale, stage_values(problem, scheme, mesh, d) / scale]
-        parts.append(d.p / (1.0 + jnp.abs(z.p)))
-        squares = sum(jnp.sum(part**2) for part in parts)
-        count = sum(part.size for part in parts)
-        largest = jnp.max(jnp.stack([jnp.max(jnp.abs(part), initial=0.0) for part in parts]))
-        return jnp.sqrt(squares / count), largest
-
     def body(state: _State) -> _State:
-        first = state.passes == 0
-        trial = _plus(state.z, state.damping, state.direction)
-        left, factor = factored(problem, scheme, mesh, trial)
-        minus = jax.tree.map(jnp.negative, left)
-        simplified = solve_factored(state.factor, scheme, minus)
-        direction = solve_factored(factor, scheme, minus)
-
-        t = state.damping
-        old, _ = sizes(state.direction, trial)
-        new, _ = sizes(simplified, trial)
-        bent, _ = sizes(_plus(simplified, t - 1.0, state.direction), trial)
-        after, largest = sizes(direction, trial)
-        good = (new <= (1.0 - 0.25 * t) * old) | first
-        accept = good & jnp.isfinite(largest)
-        # Deuflhard's prediction for the next step, and correction of a rejected one.
-        changed, _ = sizes(_plus(simplified, -1.0, direction), trial)
-        predicted = t * (old / _positive(changed)) * (new / _positive(after))
-        predicted = jnp.where(first, 1.0, jnp.minimum(1.0, predicted))
-        corrected = 0.5 * old * t**2 / _positive(bent)
-        corrected = jnp.where(jnp.isfinite(corrected), corrected, 0.5 * t)
-        corrected = jnp.minimum(jnp.maximum(corrected, 0.1 * t), 0.5 * t)
-
-        def taken(yes, no):
-            return jax.tree.map(lambda a, b: jnp.where(accept, a, b), yes, no)
-
-        finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in left]))
-        damping = jnp.where(accept, jnp.maximum(predicted, 0.01), corrected)
-        size = jnp.where(accept, largest, state.size)
-        # At rounding the test is a toss-up: a rejected step this small ends the iteration.
-        stalled = ~accept & (state.size <= 100.0 * tol)
-        return _State(
-            z=taken(trial, state.z),
-            direction=taken(direction, state.direction),
-            factor=taken(factor, state.factor),
-            damping=damping,
-            size=size,
-            passes=state.passes + 1,
-            done=(accept & (largest <= tol)) | stalled,
-            failed=~accept & (first | (damping < SMALLEST_DAMPING)),
-            finite=state.finite & (finite | ~first),
-            regular=state.regular & (jnp.isfinite(largest) | ~finite | ~first),
-        )
+        trial = _tried(problem, scheme, mesh, state)
+        outcome = _judged(problem, scheme, mesh, state, trial)
+        return _next(state, trial, outcome, tol)
 
     def unfinished(state: _State):
         return ~state.done & ~state.failed & (state.passes < max_passes)
 
     shapes = jax.eval_shape(lambda z: factored(problem, scheme, mesh, z)[1], start)
-    nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
-    state = _State(
-        z=start,
-        direction=jax.tree.map(jnp.zeros_like, start),
-        factor=nothing,
-        damping=jnp.ones(()),
-        size=jnp.array(jnp.inf),
-        passes=jnp.zeros((), int),
-        done=jnp.asarray(skip),
-        failed=jnp.array(False),
-        finite=jnp.array(True),
-        regular=jnp.array(True),
-    )
-    state = jax.lax.while_loop(unfinished, body, state)
+    state = jax.lax.while_loop(unfinished, body, _first_state(start, shapes, skip))
     # The last direction is far below `tol`: taking it whole squares the error once more.
     polished = _plus(state.z, jnp.where(state.done, 1.0, 0.0), state.direction)
     return NewtonResult(
@@ -150,6 +101,94 @@ def newton(
         state.passes,
         state.size,
     )
+
+
+def _first_state(start: Unknowns, factor_shapes, skip) -> _State:
+    return _State(
+        z=start,
+        direction=jax.tree.map(jnp.zeros_like, start),
+        factor=jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), factor_shapes),
+        damping=jnp.ones(()),
+        size=jnp.array(jnp.inf),
+        passes=jnp.zeros((), int),
+        done=jnp.asarray(skip),
+        failed=jnp.array(False),
+        finite=jnp.array(True),
+        regular=jnp.array(True),
+    )
+
+
+def _tried(problem: Problem, scheme: Gauss, mesh: Mesh, state: _State) -> _Trial:
+    z = _plus(state.z, state.damping, state.direction)
+    left, factor = factored(problem, scheme, mesh, z)
+    minus = jax.tree.map(jnp.negative, left)
+    simplified = solve_factored(state.factor, scheme, minus)
+    direction = solve_factored(factor, scheme, minus)
+    finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in left]))
+    return _Trial(z, simplified, direction, factor, finite)
+
+
+def _judged(problem: Problem, scheme: Gauss, mesh: Mesh, state: _State, trial: _Trial) -> _Outcome:
+    """The natural monotonicity test, and Deuflhard's damping after it.
+
+    Where the test is passed: his prediction for the next step; else his correction of this one.
+    """
+
+    def sizes(d: Unknowns):
+        return _sizes(d, stage_values(problem, scheme, mesh, d), trial.z)
+
+    first, t = state.passes == 0, state.damping
+    old, _ = sizes(state.direction)
+    new, _ = sizes(trial.simplified)
+    bent, _ = sizes(_plus(trial.simplified, t - 1.0, state.direction))
+    changed, _ = sizes(_plus(trial.simplified, -1.0, trial.direction))
+    after, largest = sizes(trial.direction)
+    accept = ((new <= (1.0 - 0.25 * t) * old) | first) & jnp.isfinite(largest)
+    predicted = t * (old / _positive(changed)) * (new / _positive(after))
+    predicted = jnp.where(first, 1.0, jnp.minimum(1.0, predicted))
+    corrected = 0.5 * old * t**2 / _positive(bent)
+    corrected = jnp.where(jnp.isfinite(corrected), corrected, 0.5 * t)
+    corrected = jnp.minimum(jnp.maximum(corrected, 0.1 * t), 0.5 * t)
+    damping = jnp.where(accept, jnp.maximum(predicted, 0.01), corrected)
+    return _Outcome(accept, damping, largest)
+
+
+def _next(state: _State, trial: _Trial, outcome: _Outcome, tol) -> _State:
+    accept, damping, largest = outcome
+    first = state.passes == 0
+    # At rounding the test is a toss-up: a rejected step this small ends the iteration.
+    stalled = ~accept & (state.size <= 100.0 * tol)
+    z, direction, factor, size = jax.tree.map(
+        lambda yes, no: jnp.where(accept, yes, no),
+        (trial.z, trial.direction, trial.factor, largest),
+        (state.z, state.direction, state.factor, state.size),
+    )
+    return _State(
+        z=z,
+        direction=direction,
+        factor=factor,
+        damping=damping,
+        size=size,
+        passes=state.passes + 1,
+        done=(accept & (largest <= tol)) | stalled,
+        failed=~accept & (first | (damping < SMALLEST_DAMPING)),
+        finite=state.finite & (trial.finite | ~first),
+        regular=state.regular & (jnp.isfinite(largest) | ~trial.finite | ~first),
+    )
+
+
+def _sizes(d: Unknowns, stages: Float[Array, "s n N"], z: Unknowns):
+    """(root mean square, largest) of a change of the unknowns, in units of their sizes at `z`."""
+    scale = scale_of(z.y)
+    parts = [d.y / scale, stages / scale, d.p / (1.0 + jnp.abs(z.p))]
+    squares = sum(jnp.sum(part**2) for part in parts)
+    count = sum(part.size for part in parts)
+    largest = jnp.max(jnp.stack([jnp.max(jnp.abs(part), initial=0.0) for part in parts]))
+    return jnp.sqrt(squares / count), largest
+
+
+def _plus(z: Unknowns, t, d: Unknowns) -> Unknowns:
+    return jax.tree.map(lambda a, b: a + t * b, z, d)
 
 
 def _positive(x):

@@ -22,15 +22,13 @@ from beltjax.numerics.bvp_collocation import (
     remesh,
     residual,
     solve_factored,
-    stage_values,
-    transfer,
 )
+from beltjax.numerics.bvp_estimate import Estimate, estimate
 from beltjax.numerics.bvp_gauss import Gauss, gauss
-from beltjax.numerics.bvp_mesh import moved_mesh, scale_of
+from beltjax.numerics.bvp_mesh import moved_mesh
 from beltjax.numerics.bvp_newton import newton
 
 SETTLED = 0.05  # a mesh whose nodes would move by less than this share of an interval stays
-SINGULAR = 1e12  # condition estimate beyond which double precision leaves nothing to judge by
 
 
 class Evidence(NamedTuple):
@@ -38,8 +36,7 @@ class Evidence(NamedTuple):
 
     mesh: Mesh
     factor: Factor
-    error: Float[Array, ""]
-    defect: Float[Array, ""]
+    estimate: Estimate
     converged: Bool[Array, ""]
     finite: Bool[Array, ""]
     regular: Bool[Array, ""]
@@ -57,54 +54,6 @@ class Start(NamedTuple):
 def usable(evidence: Evidence) -> Bool[Array, ""]:
     """Whether the collocation equations were solved, to whatever accuracy."""
     return evidence.converged & evidence.finite & evidence.regular
-
-
-def estimate_error(
-    problem: Problem, scheme: Gauss, mesh: Mesh, z: Unknowns
-) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """(error, defect) of a solution: its distance from one with a stage more, to first order.
-
-    One Newton step on the equations with s + 1 stages, on the same mesh. Where the mesh resolves
-    the solution this is the error itself; where it does not the two differ widely, because
-    their responses to what they do not resolve have opposite signs. Relative to 1 + max |y_j|
-    at nodes and collocation points, and to 1 + |p_j|.
-    """
-    finer = gauss(scheme.stages + 1)
-    moved = transfer(scheme, z, finer)
-    left, factor = factored(problem, finer, mesh, moved)
-    d = solve_factored(factor, finer, left)
-    scale = scale_of(z.y)
-    inside = jnp.max(jnp.abs(stage_values(problem, finer, mesh, d)) / scale)
-    parts = [jnp.max(jnp.abs(d.y) / scale), inside]
-    parts.append(jnp.max(jnp.abs(d.p) / (1.0 + jnp.abs(z.p)), initial=0.0))
-    defect = jnp.max(jnp.abs(left.stages) / (1.0 + jnp.abs(moved.K)))
-    error = jnp.max(jnp.stack(parts))
-    return jnp.where(jnp.isfinite(error), error, jnp.inf), defect
-
-
-def condition(scheme: Gauss, evidence: Evidence, z: Unknowns) -> Float[Array, ""]:
-    """Largest response found of y/(1 + max |y|) and p to a unit change of the equations.
-
-    Probed with each condition in turn and with a unit change of each component of y',
-    constant and alternating: a lower bound of the norm of the inverse.
-    """
-    s, n, N = z.K.shape
-    k = z.p.shape[0]
-    m = n + k
-    signs = jnp.where(jnp.arange(N) % 2 == 0, 1.0, -1.0)
-    shapes = jnp.stack([jnp.ones(N), signs])
-    zeros = Residual(jnp.zeros((s, n, N)), jnp.zeros((n, N)), jnp.zeros(m))
-
-    def response(probe):
-        of_condition = jnp.where(jnp.arange(m) == probe, 1.0, 0.0)
-        j = probe - m
-        of_slope = jnp.where(jnp.arange(n) == j // 2, 1.0, 0.0)[:, None] * shapes[j % 2]
-        stages = jnp.where(probe < m, zeros.stages, jnp.broadcast_to(of_slope, (s, n, N)))
-        d = solve_factored(evidence.factor, scheme, Residual(stages, zeros.joints, of_condition))
-        largest = jnp.max(jnp.abs(d.y) / scale_of(z.y))
-        return jnp.maximum(largest, jnp.max(jnp.abs(d.p) / (1.0 + jnp.abs(z.p)), initial=0.0))
-
-    return jnp.max(jax.lax.map(response, jnp.arange(m + 2 * n)))
 
 
 class _Sweep(NamedTuple):
@@ -131,25 +80,24 @@ def search(
         shift = jnp.max(jnp.abs(proposed - state.mesh)[1:] / jnp.diff(state.mesh))
         settled = (shift < SETTLED) & ~first
         mesh = jnp.where(first | settled, state.mesh, proposed)
-        guess = remesh(problem, scheme, state.mesh, state.z, mesh)
+        guess = remesh(problem, scheme, state.mesh, state.z, mesh, scheme)
         guess = jax.tree.map(lambda a, b: jnp.where(first, a, b), state.z, guess)
         root = newton(problem, scheme, mesh, guess, tol=_newton_tol(tol), skip=settled)
-        error, defect = estimate_error(problem, scheme, mesh, root.z)
+        known = estimate(problem, scheme, mesh, root.z, root.factor)
         found = Evidence(
             mesh,
             root.factor,
-            error,
-            defect,
+            known,
             root.converged,
             root.finite,
             root.regular,
             root.passes,
             best.sweeps,
         )
-        better = ~settled & (first | (root.converged & (error < best.error)))
+        better = ~settled & (first | (root.converged & (known.error < best.estimate.error)))
         new_z, new = jax.tree.map(lambda a, b: jnp.where(better, a, b), (root.z, found), (z0, best))
         counted = new._replace(passes=best.passes + root.passes, sweeps=best.sweeps + 1)
-        done = settled | ~root.converged | (error <= tol)
+        done = settled | ~root.converged | (known.error <= tol)
         return _Sweep(root.z, mesh, (new_z, counted), done)
 
     def unfinished(state: _Sweep):
@@ -158,7 +106,7 @@ def search(
     shapes = jax.eval_shape(lambda z: factored(problem, scheme, start.mesh, z)[1], start.z)
     nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
     inf, no, zero = jnp.array(jnp.inf), jnp.array(False), jnp.zeros((), int)
-    evidence = Evidence(start.mesh, nothing, inf, inf, no, no, no, zero, zero)
+    evidence = Evidence(start.mesh, nothing, Estimate(inf, inf, inf), no, no, no, zero, zero)
     state = _Sweep(start.z, start.mesh, (start.z, evidence), no)
     z, evidence = jax.lax.while_loop(unfinished, body, state).best
     good = usable(evidence)

@@ -6,6 +6,7 @@ A group is one `rhs` and one `bc` that choose by an index in `args`; its members
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy.special
 
 
 def group(*members):
@@ -25,13 +26,20 @@ def second_order(g):
     return lambda x, y, p, v: jnp.stack([y[1], g(x, y[0], y[1], p, v)])
 
 
-# Two states and one parameter.
-MATHIEU, VAN_DER_POL, FORCED, EIGENVALUE = range(4)
+# Two states and one parameter; all are given a singular term, zero for the first four.
+MATHIEU, VAN_DER_POL, FORCED, EIGENVALUE, EMDEN, BESSEL, CHANDRASEKHAR, STRAIGHT = range(8)
 
 
 def _van_der_pol(x, y, p, mu):
     # In a period's own time: x runs from 0 to 1, p is the period.
     return p[0] * jnp.stack([y[1], mu * (1 - y[0] ** 2) * y[1] - y[0]])
+
+
+def _round(g, last):
+    return (
+        second_order(lambda x, y, d, p, v: -g(y)),
+        lambda ya, yb, p, v: jnp.stack([ya[1], last(ya, yb), p[0]]),
+    )
 
 
 with_parameter = group(
@@ -50,6 +58,15 @@ with_parameter = group(
     (
         second_order(lambda x, y, d, p, v: -p[0] * y / (1 + x) ** 2),
         lambda ya, yb, p, v: jnp.stack([ya[0], yb[0], ya[1] - 1]),
+    ),
+    # y'' + (m/x) y' + g(y) = 0 with y'(0) = 0, m in the singular term; p is idle.
+    _round(lambda u: u**5, lambda ya, yb: yb[0] - np.sqrt(3) / 2),
+    _round(lambda u: u, lambda ya, yb: yb[0] - scipy.special.j0(2.0)),
+    _round(lambda u: -jnp.exp(-u), lambda ya, yb: ya[0]),
+    # y'' = 0 with the slope given at both ends: any constant may be added.
+    (
+        second_order(lambda x, y, d, p, v: 0.0 * y),
+        lambda ya, yb, p, v: jnp.stack([ya[1], yb[1] - 1.0, p[0]]),
     ),
 )
 
@@ -86,6 +103,20 @@ four_states = group(
         lambda ya, yb, p, v: jnp.stack([ya[0], ya[2], yb[0], yb[2]]),
     ),
 )
+
+
+def swirling(x, y, p, e):
+    """Cash-Mazzia 33, flow between disks that turn against each other; y is (f .. f''', g, g').
+
+    e f'''' + f f''' + g g' = 0,   e g'' + f g' - f' g = 0.
+    """
+    f, f1, f2, f3, g, g1 = y
+    return jnp.stack([f1, f2, f3, -(f * f3 + g * g1) / e, g1, (f1 * g - f * g1) / e])
+
+
+def disks(ya, yb, p, e):
+    """f = f' = 0 on both disks, which turn at -1 and 1."""
+    return jnp.stack([ya[0], ya[1], yb[0], yb[1], ya[4] + 1, yb[4] - 1])
 
 
 def tensioned_beam(x, e):

@@ -7,6 +7,7 @@ import pytest
 
 from beltjax.numerics.bvp_blocks import inverse, orthogonalize
 from beltjax.numerics.bvp_chain import Ends, Links, factor_chain, solve_chain
+from beltjax.numerics.bvp_estimate import fastest
 
 
 @jax.jit
@@ -115,3 +116,15 @@ def test_orthogonal_factors_reproduce_the_block():
     for i in range(2):
         np.testing.assert_allclose(q[..., i] @ q[..., i].T, np.eye(6), atol=1e-14)
         np.testing.assert_allclose(q[:3, :, i].T @ np.triu(r[..., i]), a[..., i], atol=1e-14)
+
+
+def test_fastest_mode_is_found_whatever_the_units():
+    """A norm of the 16th power is no less than the largest eigenvalue's, and 1e9^(1/16) is 3.7."""
+    rng = np.random.default_rng(6)
+    blocks = rng.normal(size=(8, 3, 3))
+    blocks[0] = [[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.5]]  # oscillates
+    units = np.array([1.0, 1e6, 1e-3])
+    scaled = blocks * units[:, None] / units
+    found = jax.jit(fastest)(jnp.asarray(np.moveaxis(scaled, 0, -1)))
+    ratio = np.asarray(found) / np.max(np.abs(np.linalg.eigvals(blocks)), axis=1)
+    assert np.all((ratio > 1 - 1e-12) & (ratio < 5.0))

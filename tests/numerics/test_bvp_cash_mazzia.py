@@ -28,21 +28,20 @@ BEYOND = [
     (26, 1e-6, RESULTS.mesh_exhausted),
     # The shock's place moves by more than its width from one rung to the next.
     (30, 1e-6, RESULTS.mesh_exhausted),
-    # Resonance: the problem's own condition is e^(1/(2 eps)), here 5e21.
-    (35, 1e-2, RESULTS.singular_system),
-    (35, 1e-3, RESULTS.singular_system),
+    # Resonance: the problem's own condition is e^(1/(2 eps)), here 5e21 and more.
+    *((35, eps, RESULTS.singular_system) for eps in (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-8)),
 ]
 
 
-def solve(number, eps, nodes=65):
+def solve(number, eps, *, ladder=True, tol=TOL):
     case = cm.CASES[cm.BY_NUMBER[number]]
     path = cm.path(number, eps, RUNGS, start=0.1 if number == 24 else 1.0)
-    if number == 16:  # each eps is a different number of waves: no ladder leads there
+    if number == 16 or not ladder:  # 16: each eps is a different number of waves
         path = tuple(np.repeat(part[-1:], RUNGS, axis=0) for part in path)
     a, b = case.interval
     guess = cm.line(number, path[1][0])
     return case, continue_bvp(
-        cm.rhs, cm.bc, (float(a), float(b)), guess, path=path, nodes=nodes, tol=TOL, throw=False
+        cm.rhs, cm.bc, (float(a), float(b)), guess, path=path, nodes=65, tol=tol, throw=False
     )
 
 
@@ -75,3 +74,33 @@ def test_what_is_beyond_it_is_reported(number, eps, result):
     assert solution.result == result
     assert float(solution.error) > TOL
     assert np.isfinite(np.asarray(solution.y)).all()
+
+
+@pytest.mark.parametrize("eps", [1e-3, 1e-4, 1e-5, 1e-6])
+@pytest.mark.parametrize("tol", [TOL, 0.1])
+def test_a_layer_that_no_node_sees_is_no_success(eps, tol):
+    """From a line, nodes crowd at one end of problem 35 at most: y = 2x or -x for the true x/2.
+
+    Both satisfy the equation to any accuracy and one end's condition through its layer; only
+    the condition of the problem tells them from a solution.
+    """
+    _, solution = solve(35, eps, ladder=False, tol=tol)
+    assert solution.result == RESULTS.singular_system
+    assert float(solution.condition) > 1e12
+
+
+@pytest.mark.parametrize("eps", [0.1, 0.05, 0.03, 0.02])
+def test_condition_of_resonance(eps):
+    """A jump of y at x = 0 moves problem 35's x/2 by about e^(1/(2 eps)) as much.
+
+    The outgoing mode, one at the ends, is e^(-1/(2 eps)) there but for powers of eps.
+    """
+    _, solution = solve(35, eps)
+    assert abs(np.log(float(solution.condition)) - 1 / (2 * eps)) < 2.5
+
+
+@pytest.mark.parametrize("eps", [1e-2, 1e-4, 1e-6])
+def test_condition_of_a_layer_does_not_grow(eps):
+    """By the maximum principle a jump in problem 1 moves y by its own size at most; 128 jumps."""
+    _, solution = solve(1, eps)
+    assert 1.0 < float(solution.condition) < 200.0

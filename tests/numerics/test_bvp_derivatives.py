@@ -1,6 +1,6 @@
 """Derivatives, batches, growth of the mesh and dense output, on Bratu's problem and others."""
 
-import functools
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -26,15 +26,19 @@ def clamped(ya, yb, p, args):
     return jnp.stack([ya[0], yb[0]])
 
 
-def exact_peak(factor, upper=False):
-    """y(1/2) = 2 log cosh(z), with 8 z^2/cosh(z)^2 = factor."""
+def exact_z(factor, upper=False):
+    """8 z^2/cosh(z)^2 = factor: y(x) = 2 log(cosh(z)/cosh(z (1 - 2 x)))."""
     top = 1.1996786402577338
-    z: float = brentq(  # pyright: ignore
+    return brentq(
         lambda z: 8 * z**2 / np.cosh(z) ** 2 - factor,
         *((top, 20.0) if upper else (0.0, top)),
         xtol=1e-15,
     )
-    return 2 * np.log(np.cosh(z))
+
+
+def exact_peak(factor, upper=False):
+    """y(1/2)."""
+    return 2 * np.log(np.cosh(exact_z(factor, upper)))
 
 
 def exact_peak_slopes(factor):
@@ -46,95 +50,124 @@ def exact_peak_slopes(factor):
     return p1 / f1, p2 / f1**2 - p1 * f2 / f1**3
 
 
-def shared(x, y, p, args):
-    return bratu(x, y, p, args[0] * args[1])
+def exact_value_slopes(scale, factor, b, x):
+    """Derivatives of y(x) on [0, b], which is the unit problem's at x/b for scale factor b^2."""
+
+    def value(z, t):
+        return 2 * jnp.log(jnp.cosh(z) / jnp.cosh(z * (1 - 2 * t)))
+
+    z = exact_z(scale * factor * b**2)
+    by_z, by_t = (float(d) for d in jax.grad(value, (0, 1))(z, x / b))
+    by_strength = by_z / float(jax.grad(lambda z: 8 * z**2 / jnp.cosh(z) ** 2)(z))
+    by_b = by_strength * 2 * scale * factor * b - by_t * x / b**2
+    return by_strength * factor * b**2, by_strength * scale * b**2, by_b, by_t / b
 
 
-def peak(scale, factor, guess=FLAT):
-    solution = solve_bvp(shared, clamped, UNIT, guess, args=(scale, factor), nodes=33, throw=False)
+class At(NamedTuple):
+    """Where Bratu's problem is solved, and y asked for."""
+
+    scale: Any  # closed over
+    factor: Any  # in args
+    b: Any  # the interval's end
+    x: Any
+
+
+def height(at: At, guess):
+    """y(x) of y'' = -scale factor e^y, y(0) = y(b) = 0; zero where there is no solution."""
+
+    def rhs(x, y, p, factor):
+        return bratu(x, y, p, at.scale * factor)
+
+    fractions, y = guess
+    guess = (fractions * at.b, y)
+    solution = solve_bvp(rhs, clamped, (0.0, at.b), guess, args=at.factor, nodes=33, throw=False)
     good = solution.result == RESULTS.successful
-    return jnp.where(good, solution(0.5)[0], 0.0), (good, solution.error)
+    return jnp.where(good, solution(at.x)[0], 0.0), (good, solution.error)
 
 
 GRID = np.linspace(0, 1, 33)
 ZERO = jnp.asarray(GRID), jnp.zeros((2, 33))
 HIGH = jnp.asarray(GRID), jnp.asarray(np.stack([16 * GRID * (1 - GRID), 16 * (1 - 2 * GRID)]))
+EACH = At(None, 0, None, None)  # eight lanes that differ in the factor
 
 
-@functools.cache
-def compiled_batch():
-    def total(scale, factors, guess):
-        values, found = jax.vmap(peak, in_axes=(None, 0, None))(scale, factors, guess)
+@jax.jit
+def _lanes(at: At, direction: At, guess):
+    """Value, gradient, and the derivative of both along a direction: one program for all tests."""
+
+    def total(at):
+        values, found = jax.vmap(height, in_axes=(EACH, None))(at, guess)
         return jnp.sum(values), (values, *found)
 
-    return jax.jit(jax.value_and_grad(total, argnums=(0, 1), has_aux=True))
+    return jax.jvp(jax.value_and_grad(total, has_aux=True), (at,), (direction,))
 
 
-def batch(factors, guess=ZERO):
-    """Of eight lanes: values, good, error, slope a lane, and slope of the scale they share."""
-    (_, found), (together, each) = compiled_batch()(1.0, jnp.asarray(factors), guess)
-    return *(np.asarray(part) for part in found), np.asarray(each), float(together)
+class Lanes(NamedTuple):
+    """What is known of eight lanes."""
+
+    value: np.ndarray
+    good: np.ndarray
+    error: np.ndarray
+    slope: At  # gradient of the sum
+    forward: float  # derivative of the sum along the direction
+    second: At  # derivative of the gradient along it
+
+
+def lanes(factors, guess=ZERO, *, b=1.0, x=0.5, along=None):
+    """Eight lanes of strength `factors`; derivatives also along the factor of lane `along`."""
+    at = At(*map(jnp.asarray, (1.0, factors, b, x)))
+    direction = jax.tree.map(jnp.zeros_like, at)
+    if along is not None:
+        direction = direction._replace(factor=direction.factor.at[along].set(1.0))
+    ((_, found), slope), ((forward, _), second) = _lanes(at, direction, guess)
+    return Lanes(*(np.asarray(part) for part in found), slope, float(forward), second)
 
 
 def test_bad_lanes_leave_their_neighbors_alone():
     """Beyond the fold there is no solution; nan and inf are no problems at all."""
     factors = np.array([0.5, 1.0, 4.0, 2.0, np.nan, 3.0, np.inf, 3.5])
     fine = np.array([True, True, False, True, False, True, False, True])
-    value, good, error, slope, together = batch(factors)
-    assert good.tolist() == fine.tolist()
-    np.testing.assert_allclose(value[fine], [exact_peak(f) for f in factors[fine]], rtol=1e-9)
+    found = lanes(factors, along=3)
+    assert found.good.tolist() == fine.tolist()
+    np.testing.assert_allclose(found.value[fine], [exact_peak(f) for f in factors[fine]], rtol=1e-9)
     slopes = np.array([exact_peak_slopes(f)[0] for f in factors[fine]])
+    slope = np.asarray(found.slope.factor)
     np.testing.assert_allclose(slope[fine], slopes, rtol=1e-7)
     assert np.all(slope[~fine] == 0.0)
-    assert np.all(error[~fine] == np.inf)
+    assert np.all(found.error[~fine] == np.inf)
     # An argument that all lanes share gets its gradient from the good ones.
-    assert together == pytest.approx(np.sum(factors[fine] * slopes), rel=1e-7)
+    assert float(found.slope.scale) == pytest.approx(np.sum(factors[fine] * slopes), rel=1e-7)
+    second = np.asarray(found.second.factor)
+    assert second[3] == pytest.approx(exact_peak_slopes(2.0)[1], rel=1e-7)
+    assert np.all(np.delete(second, 3) == 0.0)
 
 
 def test_derivatives_forward_reverse_nested_and_by_difference():
-    @jax.jit
-    def nested(factor):
-        slope = jax.value_and_grad(lambda f: peak(1.0, f)[0])
-        return jax.jvp(slope, (factor,), (1.0,))
-
-    (_, reverse), (forward, second) = nested(2.0)
     h = 1e-3
-    ends, *_ = batch(2.0 + h * np.arange(-4.0, 4.0))
+    found = lanes(2.0 + h * np.arange(-4.0, 4.0), along=4)
+    ends = found.value
     difference = (8 * (ends[5] - ends[3]) - (ends[6] - ends[2])) / (12 * h)
     first_exact, second_exact = exact_peak_slopes(2.0)
-    assert float(forward) == pytest.approx(float(reverse), rel=1e-11)
-    assert float(forward) == pytest.approx(float(difference), rel=1e-8)
-    assert float(forward) == pytest.approx(first_exact, rel=1e-9)
-    assert float(second) == pytest.approx(second_exact, rel=1e-7)
+    assert found.forward == pytest.approx(float(found.slope.factor[4]), rel=1e-11)
+    assert found.forward == pytest.approx(float(difference), rel=1e-8)
+    assert found.forward == pytest.approx(first_exact, rel=1e-9)
+    assert float(found.second.factor[4]) == pytest.approx(second_exact, rel=1e-7)
 
 
 def test_derivatives_with_respect_to_closure_interval_and_x():
-    """y'' = c y on [0, b], y(0) = 0, y(b) = 1: y = sinh(r x)/sinh(r b), r^2 = c."""
-
-    def at(c, b, x):
-        def rhs(x, y, p, args):
-            return jnp.stack([y[1], c * y[0]])
-
-        def ends(ya, yb, p, args):
-            return jnp.stack([ya[0], yb[0] - 1.0])
-
-        guess = (jnp.stack([0.0 * b, b]), jnp.zeros((2, 2)))
-        return solve_bvp(rhs, ends, (0.0, b), guess, nodes=33)(x)[0]
-
-    def exact(c, b, x):
-        return jnp.sinh(jnp.sqrt(c) * x) / jnp.sinh(jnp.sqrt(c) * b)
-
-    here = (2.0, 1.5, 0.7)
-    found = jax.jit(jax.grad(at, argnums=(0, 1, 2)))(*here)
-    np.testing.assert_allclose(found, jax.grad(exact, argnums=(0, 1, 2))(*here), rtol=1e-7)
+    factors = np.full(8, 1.2)
+    found = lanes(factors, b=1.5, x=0.7)
+    by_scale, by_factor, by_b, by_x = exact_value_slopes(1.0, 1.2, 1.5, 0.7)
+    expected = At(8 * by_scale, np.full(8, by_factor), 8 * by_b, 8 * by_x)
+    for slope, exact in zip(found.slope, expected, strict=True):
+        np.testing.assert_allclose(slope, exact, rtol=1e-7)
 
 
 def test_upper_branch_from_a_high_guess():
-    factors = np.full(8, 1.0)
-    value, good, _, slope, _ = batch(factors, HIGH)
-    assert good.all()
-    np.testing.assert_allclose(value, exact_peak(1.0, upper=True), rtol=1e-8)
-    assert np.all(slope < 0)  # the upper branch falls as the factor grows
+    found = lanes(np.full(8, 1.0), HIGH)
+    assert found.good.all()
+    np.testing.assert_allclose(found.value, exact_peak(1.0, upper=True), rtol=1e-8)
+    assert np.all(found.slope.factor < 0)  # the upper branch falls as the factor grows
 
 
 def test_branch_passes_the_fold():
@@ -177,19 +210,6 @@ def test_mesh_grows_only_until_the_estimate_will_do():
     assert few.nodes == 32
     with pytest.raises(Exception, match="Raise nodes or max_nodes"):
         solve_bvp(layered, ends, UNIT, FLAT, args=jnp.array(1e-2), tol=1e-9, max_nodes=32)
-
-
-def test_a_singular_problem_is_named():
-    """y'' = 0 with the slope given at both ends: any constant may be added."""
-
-    def straight(x, y, p, args):
-        return jnp.stack([y[1], 0.0 * y[0]])
-
-    def slopes(ya, yb, p, args):
-        return jnp.stack([ya[1], yb[1] - 1.0])
-
-    solution = solve_bvp(straight, slopes, UNIT, FLAT, nodes=33, throw=False)
-    assert solution.result == RESULTS.singular_system
 
 
 def test_public_names_are_exported():

@@ -1,7 +1,5 @@
 """Published problems with parameters, periodic conditions, singular terms and four states."""
 
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,8 +8,10 @@ import scipy.integrate
 import scipy.special
 
 from beltjax.numerics.bvp import solve_bvp
+from beltjax.numerics.bvp_continuation import continue_bvp
 from beltjax.results import RESULTS
 from numerics import bvp_problems as problems
+from numerics.cash_mazzia_references import SWIRL, SWIRL_POINTS
 
 NODES = 65
 X = np.linspace(0.0, 1.0, 41)
@@ -22,15 +22,14 @@ def _args(which, value):
     return jnp.array(which), jnp.array(value)
 
 
-def with_parameter(which, value, interval, guess, p):
+def with_parameter(which, value, interval, guess, p=0.0, *, m=0.0, **options):
+    """A member of the group with -m y'/x added to y''; `guess` is of x [101]."""
     rhs, bc = problems.with_parameter
     x = jnp.linspace(interval[0], interval[1], 101)
     y = jnp.asarray(np.stack(guess(np.asarray(x))))
-    solution = solve_bvp(
-        rhs, bc, interval, (x, y), jnp.array([p]), _args(which, value), nodes=NODES
-    )
-    assert solution.result == RESULTS.successful
-    return solution
+    term = jnp.array([[0.0, 0.0], [0.0, -m]])
+    args = _args(which, value)
+    return solve_bvp(rhs, bc, interval, (x, y), jnp.array([p]), args, term, nodes=NODES, **options)
 
 
 def four_states(which, value, interval=(0.0, 1.0), guess=None):
@@ -60,23 +59,12 @@ def test_mathieu_characteristic_value(order, q):
 )
 def test_van_der_pol_period(mu, period):
     orbit = _van_der_pol_orbit(mu)
-    y = jnp.asarray(np.interp(X, np.linspace(0, 1, len(orbit[0])), orbit[0]))
-    v = jnp.asarray(np.interp(X, np.linspace(0, 1, len(orbit[1])), orbit[1]))
-    rhs, bc = problems.with_parameter
-    guess = (
-        jnp.linspace(0.0, 1.0, 101),
-        jnp.stack([jnp.interp(jnp.linspace(0, 1, 101), X, c) for c in (y, v)]),
-    )
-    solution = solve_bvp(
-        rhs,
-        bc,
-        (0.0, 1.0),
-        guess,
-        jnp.array([1.05 * period]),
-        _args(problems.VAN_DER_POL, mu),
-        nodes=NODES,
-        tol=1e-5,
-    )
+
+    def guess(x):
+        return [np.interp(x, np.linspace(0, 1, len(part)), part) for part in orbit]
+
+    start = 1.05 * period
+    solution = with_parameter(problems.VAN_DER_POL, mu, (0.0, 1.0), guess, start, tol=1e-5)
     assert float(solution.parameters[0]) == pytest.approx(period, abs=2e-7)
 
 
@@ -111,6 +99,19 @@ def test_sturm_liouville_eigenvalue(n):
 
     solution = with_parameter(problems.EIGENVALUE, 0.0, (0.0, 1.0), guess, 0.95 * exact)
     assert float(solution.parameters[0]) == pytest.approx(exact, rel=1e-8)
+
+
+@pytest.mark.parametrize("e", sorted(SWIRL))
+def test_swirling_flow(e):
+    x = jnp.linspace(0.0, 1.0, 2)
+    guess = (x, jnp.stack([0 * x, 0 * x, 0 * x, 0 * x, 2 * x - 1, 2 + 0 * x]))
+    path = np.geomspace(1.0, e, 6)
+    solution = continue_bvp(
+        problems.swirling, problems.disks, (0.0, 1.0), guess, path=path, nodes=NODES
+    )
+    f, _, _, _, g, _ = solution(SWIRL_POINTS)
+    np.testing.assert_allclose(f, SWIRL[e][0], atol=1e-7)
+    np.testing.assert_allclose(g, SWIRL[e][1], atol=1e-7)
 
 
 @pytest.mark.parametrize("e", [0.3, 0.02, 1e-3, 1e-4])
@@ -169,43 +170,36 @@ def _padded(columns, x, y):
     return columns(x, y)[:, : size - extra]
 
 
-# y'' + (m/x) y' + g(y) = 0 with y'(0) = 0.
-EMDEN, BESSEL, CHANDRASEKHAR = range(3)
-
-
-def _singular(x, y, p, args):
-    which = args
-    g = jax.lax.switch(which, [lambda u: u**5, lambda u: u, lambda u: -jnp.exp(-u)], y[0])
-    return jnp.stack([y[1], -g])
-
-
-def _ends(ya, yb, p, args):
-    wanted = jnp.array([np.sqrt(3) / 2, float(scipy.special.j0(2.0)), 0.0])
-    here = jnp.where(args == CHANDRASEKHAR, ya[0], yb[0])
-    return jnp.stack([ya[1], here - wanted[args]])
-
-
-@functools.cache
 def singular_problem(which, m, b):
-    guess = (jnp.array([0.0, b]), jnp.array([[1.0, 0.8], [0.0, 0.0]]))
-    term = jnp.array([[0.0, 0.0], [0.0, -m]])
-    return solve_bvp(_singular, _ends, (0.0, b), guess, None, jnp.array(which), term, nodes=NODES)
+    def guess(x):
+        return 1.0 - 0.2 * x / b, 0.0 * x
+
+    solution = with_parameter(which, 0.0, (0.0, b), guess, m=m)
+    assert solution.result == RESULTS.successful
+    return solution
 
 
 def test_lane_emden_with_a_singular_term():
-    solution = singular_problem(EMDEN, 2.0, 1.0)
-    assert solution.result == RESULTS.successful
+    solution = singular_problem(problems.EMDEN, 2.0, 1.0)
     np.testing.assert_allclose(solution(X)[0], 1 / np.sqrt(1 + X**2 / 3), atol=1e-8)
 
 
 def test_bessel_function_with_a_singular_term():
-    solution = singular_problem(BESSEL, 1.0, 2.0)
+    solution = singular_problem(problems.BESSEL, 1.0, 2.0)
     np.testing.assert_allclose(solution(2 * X)[0], scipy.special.j0(2 * X), atol=1e-8)
 
 
 def test_isothermal_sphere_against_its_series():
     """Chandrasekhar (1939): x^2/6 - x^4/120 + x^6/1890 - 61 x^8/1632960 + ..."""
-    solution = singular_problem(CHANDRASEKHAR, 2.0, 1.0)
+    solution = singular_problem(problems.CHANDRASEKHAR, 2.0, 1.0)
     x = 0.5 * X
     series = x**2 / 6 - x**4 / 120 + x**6 / 1890 - 61 * x**8 / 1632960 + 629 * x**10 / 224532000
     np.testing.assert_allclose(solution(x)[0], series, atol=1e-8)
+
+
+def test_a_singular_problem_is_named():
+    def guess(x):
+        return 0.0 * x, 0.0 * x
+
+    solution = with_parameter(problems.STRAIGHT, 0.0, (0.0, 1.0), guess, throw=False)
+    assert solution.result == RESULTS.singular_system
