@@ -11,6 +11,11 @@ from beltjax.analysis.modes import Modes as Modes
 from beltjax.analysis.modes import modes as modes
 from beltjax.analysis.reference import ReferenceState as ReferenceState
 from beltjax.analysis.reference import reference_state as reference_state
+from beltjax.analysis.response import Excitation as Excitation
+from beltjax.analysis.response import Response as Response
+from beltjax.analysis.response import frequency_response as frequency_response
+from beltjax.analysis.response import peak_response as peak_response
+from beltjax.analysis.response import speed_response as speed_response
 from beltjax.analysis.steady import Exact as Exact
 from beltjax.analysis.steady import Linear as Linear
 from beltjax.analysis.steady import Perturbation as Perturbation

@@ -5,6 +5,7 @@ import os
 QUICK = " --xla_cpu_use_fusion_emitters=false --xla_backend_optimization_level=0"
 os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + QUICK
 
+# A second thread of OpenBLAS only waits where both cores are at work.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import jax
