@@ -127,3 +127,38 @@ def flat_numbers(drive, point):
         return eqx.tree_at(lambda dp: list(named_numbers(*dp).values()), (drive, point), parts)
 
     return names, values, put
+
+
+def with_inertias(drive, pulley=3e-4, arm=1.2e-3):
+    """The same drive with an inertia for every pulley and for the arm."""
+    drive = eqx.tree_at(
+        lambda d: [p.inertia for p in d.pulleys],
+        drive,
+        [jnp.asarray(pulley * (1 + i)) for i in range(len(drive.pulleys))],
+        is_leaf=lambda leaf: leaf is None,
+    )
+    return eqx.tree_at(
+        lambda d: d.tensioner.inertia, drive, jnp.asarray(arm), is_leaf=lambda leaf: leaf is None
+    )
+
+
+def four_pulleys():
+    """A random drive of four pulleys that vibrates, and its operating point."""
+    arrays = jax.tree.map(lambda x: x[0], random_drives(4, 1))
+    drive, point = build(*arrays)
+    return with_inertias(drive), point
+
+
+def at_groups(drive, eps, s):
+    """The drive with the bending stiffness of that eps, torque-free, running at that s."""
+    length = jnp.mean(bj.layout(drive).span_lengths)
+    tension = drive.installation.tension
+    stiffness = jnp.asarray(eps**2) * tension * length**2
+    drive = eqx.tree_at(lambda d: d.belt.bending_stiffness, drive, stiffness)
+    speed = s * jnp.sqrt(tension / drive.belt.mass_per_length)
+    return drive, bj.OperatingPoint(belt_speed=speed)
+
+
+def vibrating(name):
+    """A drive of 3, 4 or 7 pulleys with inertias."""
+    return four_pulleys()[0] if name == "four_pulley" else example(name)[0]

@@ -1,0 +1,74 @@
+"""M, G and K against the second derivatives of the drive's energy."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from drives import at_groups, vibrating
+
+import beltjax as bj
+from beltjax.physics.vibration import Motion, assembled, energy
+
+X, W = np.polynomial.legendre.leggauss(40)
+X, W = (X + 1) / 2, W / 2
+
+
+def points(layer):
+    """A quadrature rule on [0, 1], fine in both ends' layers."""
+    deep = np.array([1, 2, 4, 8, 16, 32]) * layer
+    cuts = np.unique(np.concatenate([[0.0, 0.5, 1.0], deep[deep < 0.5], 1 - deep[deep < 0.5]]))
+    lengths = np.diff(cuts)
+    return (cuts[:-1, None] + lengths[:, None] * X).ravel(), (lengths[:, None] * W).ravel()
+
+
+def by_energy(steady, model, basis):
+    """Second derivatives of the Lagrangian by JAX, with every integral by quadrature."""
+    layer = float(jnp.min(jnp.where(jnp.isinf(model.z), model.u, 1.0)))
+    x, w = points(layer)
+    spans, n = len(model.lam), basis.size
+    slope = jax.jit(jax.vmap(jax.grad(lambda x, i: steady.deflection(i, x)), (0, None)), static_argnums=1)
+    slopes = jnp.stack([slope(jnp.asarray(x), i) for i in range(spans)])
+    functions = [basis.values(jnp.asarray(x), order) for order in range(3)]
+    lift = model.w_start[:, None] + model.a[:, None] * x
+
+    def motion(z):
+        c = z[: spans * n].reshape(spans, n)
+        arm = z[-1]
+        w_, w_x, w_xx = (c @ f.T for f in functions)
+        return Motion(w_ + lift * arm, w_x + model.a[:, None] * arm, w_xx, z[spans * n : -1], arm)
+
+    weights = jnp.broadcast_to(jnp.asarray(w), slopes.shape)
+
+    def lagrangian(z, rate):
+        return energy(motion(z), motion(rate), slopes, weights, model)
+
+    rest = jnp.zeros(spans * n + spans + 1)
+    (zz, zr), (_, rr) = jax.jit(jax.hessian(lagrangian, argnums=(0, 1)))(rest, rest)
+    return rr, zr.T - zr, -zz
+
+
+@pytest.mark.parametrize("name", ["three_pulley", "four_pulley", "seven_pulley"])
+@pytest.mark.parametrize("basis", [bj.Sine(4), bj.Legendre(4)], ids=["sine", "legendre"])
+def test_matrices_are_the_energys_second_derivatives(name, basis):
+    drive, point = at_groups(vibrating(name), 0.03, 0.5)
+    steady = bj.steady_state(drive, point)
+    model = bj.linearize(steady, basis).model
+    found = assembled(model, basis)
+    for assembled_matrix, derived in zip(found, by_energy(steady, model, basis), strict=True):
+        size = np.abs(derived).max()
+        np.testing.assert_allclose(assembled_matrix, derived, rtol=0, atol=1e-12 * size)
+    M, G, K = (np.asarray(matrix) for matrix in found)
+    np.testing.assert_array_equal(M, M.T)
+    np.testing.assert_allclose(K, K.T, rtol=0, atol=1e-15 * np.abs(K).max())
+    np.testing.assert_allclose(G, -G.T, rtol=0, atol=1e-14 * np.abs(G).max())
+
+
+@pytest.mark.parametrize("name", ["three_pulley", "seven_pulley"])
+def test_a_free_drive_turns_rigidly(name):
+    # r_i theta_i = const stretches nothing.
+    drive, point = at_groups(vibrating(name), 0.03, 0.5)
+    lin = bj.linearize(bj.steady_state(drive, point), bj.Legendre(6), free=True)
+    z = jnp.zeros(len(lin.mass))
+    n = lin.spans * lin.basis.size
+    z = z.at[n : n + lin.spans].set(1 / lin.model.r[lin.pulleys])
+    assert float(jnp.max(jnp.abs(lin.stiffness @ z))) < 1e-12 * float(jnp.max(lin.stiffness))
