@@ -4,6 +4,10 @@ import importlib
 from typing import Any
 
 from beltjax.analysis.collocation import Collocation as Collocation
+from beltjax.analysis.moving_beam import MovingBeamModes as MovingBeamModes
+from beltjax.analysis.moving_beam import SpanFrequencies as SpanFrequencies
+from beltjax.analysis.moving_beam import moving_beam_modes as moving_beam_modes
+from beltjax.analysis.moving_beam import span_frequencies as span_frequencies
 from beltjax.analysis.reference import ReferenceState as ReferenceState
 from beltjax.analysis.reference import reference_state as reference_state
 from beltjax.analysis.steady import Exact as Exact
