@@ -60,6 +60,7 @@ class SpanFrequencies(eqx.Module):
     """Frequencies of each span of a running drive between ends that do not move."""
 
     hertz: Float[Array, "spans count"]
+    tensions: Float[Array, " spans"]  # P_i + T P0, running [N]
     bending: Float[Array, " spans"]  # eps_i = sqrt(EI/P)/L of each span, under its own tension
     speed: Float[Array, " spans"]  # v_i = c sqrt(m/P)
     error: Float[Array, "spans count"]  # relative, of the dimensionless frequency
@@ -240,6 +241,7 @@ def _span_frequencies(
     good = succeeded(result)
     found = SpanFrequencies(
         hertz=jnp.where(good, unit[:, None] * solved.omega, 0.0),
+        tensions=steady.running_tensions,
         bending=eps,
         speed=v,
         error=jnp.where(good, solved.error, 0.0),

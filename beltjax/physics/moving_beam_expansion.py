@@ -11,7 +11,7 @@ Real = Float[Array, "..."]
 
 # The last power of eps that (2.28), (2.37) and (2.38) print, by the number of fixed ends.
 PRINTED_ORDER = (2, 1, 1)
-_LEAST_EPS = 1e-15  # for r3 and r4 alone, as in `wave_numbers`
+_LEAST_EPS = 1e-20  # for r3 and r4 alone, as in `wave_numbers`
 
 
 def leading_wave_numbers(eps: Real, v: Real, omega: Real) -> WaveNumbers:

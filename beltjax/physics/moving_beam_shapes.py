@@ -77,15 +77,19 @@ def _scaled(c1: Cplx, c2: Cplx, c3: Cplx, c4: Cplx) -> Amplitudes:
 
 def shape(roots: Cplx, amplitudes: Cplx, x: Real) -> Cplx:
     """Deflection w at x [...] from r1..r4 and c1..c4, each [4]."""
-    from_end = jnp.stack([x, x, x, x - 1.0])
-    return jnp.tensordot(amplitudes, jnp.exp(1j * (roots * from_end.T).T), axes=1)
+    # Not a complex dot product: XLA compiles its transpose wrongly on a CPU when told not to fuse
+    # kernels, and reverse derivatives are then wrong without any sign of it.
+    return sum(
+        c * jnp.exp(1j * r * at)
+        for r, c, at in zip(roots, amplitudes, (x, x, x, x - 1.0), strict=True)
+    )  # pyright: ignore[reportReturnType]
 
 
 def omalley_shape(eps: Real, n: int, x: Real) -> Real:
     """The resting fixed-fixed mode (2.42) to order eps, with the sign of its last layer corrected.
 
-    Printed with (-1)^n, which leaves w(1) = 2 eps (-1)^n. About (1 + 2 eps)/(n pi) times the
-    shape above.
+    Printed with (-1)^n, which leaves w(1) = 2 eps (-1)^n. But for a constant phase it is
+    (1 + eps)/(n pi) times the shape above, to that order.
     """
     sine, cosine = jnp.sin(n * jnp.pi * x), jnp.cos(n * jnp.pi * x)
     layers = jnp.exp(-x / eps) - (-1.0) ** n * jnp.exp(-(1.0 - x) / eps)

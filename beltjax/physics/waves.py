@@ -29,7 +29,7 @@ Real = Float[Array, "..."]
 # Newton's method starts at most 1.7 times above the root of a convex function (two million random
 # coefficients); six steps bring it to 4e-14, the seventh to rounding.
 _STEPS = 7
-_LEAST_STIFFNESS = 1e-30  # for r3 and r4 alone
+_LEAST_STIFFNESS = 1e-40  # for r3 and r4 alone
 
 
 class Waves(NamedTuple):
@@ -56,16 +56,19 @@ def wave_numbers(
     """Roots of stiffness r^4 + tension r^2 + 2 transport omega r - inertia omega^2 = 0.
 
     For real omega > 0, tension > 0, inertia > 0, stiffness >= 0; to rounding. As the stiffness
-    vanishes Im r3 grows without bound: below a stiffness of 1e-30 it is held, without derivative
-    there, at the value for 1e-30, so that e^{i r3 x} is 1 at x = 0 and 0 elsewhere. What stays
+    vanishes Im r3 grows without bound: below a stiffness of 1e-40 it is held, without derivative
+    there, at the value for 1e-40, so that e^{i r3 x} is 1 at x = 0 and 0 elsewhere. What stays
     smooth is in `waves`. Kong (2003), eq. (2.4).
     """
     r1, r2, drift, steepness = waves(stiffness, tension, transport, inertia, omega)
     held = jnp.where(stiffness > _LEAST_STIFFNESS, stiffness, _LEAST_STIFFNESS)
     decay = _root_or_zero(steepness / held)
-    apart = _root_or_zero(-steepness / held)  # r3 and r4 real: compression alone
-    r3 = jax.lax.complex(drift - apart, decay)
-    return WaveNumbers(r1, r2, r3, jax.lax.complex(drift + apart, -decay))
+    # Under compression r3 and r4 may be real: the larger as a sum, the other by their product.
+    apart = _root_or_zero(-steepness / held)
+    far = drift + jnp.where(drift < 0, -apart, apart)
+    product = inertia * omega**2 / (-held * r1 * r2)
+    near = jnp.where(apart > 0, product / jnp.where(apart > 0, far, 1.0), far)
+    return WaveNumbers(r1, r2, jax.lax.complex(near, decay), jax.lax.complex(far, -decay))
 
 
 def _root_or_zero(square: Real) -> Real:
