@@ -60,15 +60,15 @@ def best_time(function, *arguments):
 def determinant(omega, eps, v, ends):
     """The 4x4 determinant of the boundary conditions, each column scaled to its larger end."""
     r = np.roots([eps**2, 0.0, 1 - v**2, 2 * v * omega, -(omega**2)]).astype(complex)
-    r = r[np.lexsort((r.real, np.round(r.imag, 6)))]
-    far = np.where(r.imag < 0, 1.0, 0.0)
+    r = r[np.lexsort((np.real(r), np.round(np.imag(r), 6)))]
+    far = np.where(np.imag(r) < 0, 1.0, 0.0)
     rows = []
     for x, end in zip((0.0, 1.0), ends, strict=True):
         wave = np.exp(1j * r * (x - far))
         rows += [wave, r**2 * wave if end == "simple" else r * wave]
     # Divided by what coinciding waves put into it, it is real, or imaginary for unlike supports.
     coincidences = np.prod([r[j] - r[i] for i in range(4) for j in range(i + 1, 4)])
-    value = np.linalg.det(np.array(rows)) * np.exp(1j * np.sum(r.real * far)) / coincidences
+    value = np.linalg.det(np.array(rows)) * np.exp(1j * np.sum(np.real(r) * far)) / coincidences
     return float(value.real if ends[0] == ends[1] else value.imag)
 
 
@@ -76,7 +76,7 @@ def by_scipy(eps, v, ends, exact):
     """The frequencies by `brentq` between midpoints of their neighbors."""
     spaced = np.concatenate([[0.5 * exact[0]], 0.5 * (exact[1:] + exact[:-1]), [1.1 * exact[-1]]])
     return [
-        brentq(determinant, low, high, args=(eps, v, ends), xtol=1e-14, rtol=1e-14)
+        brentq(determinant, low, high, args=(eps, v, ends), xtol=1e-14, rtol=np.float64(1e-14))
         for low, high in itertools.pairwise(spaced)
     ]
 

@@ -96,14 +96,14 @@ def three_ways(ends):
         moved = jnp.abs(modes.shapes(jnp.array([0.01, 0.3, 0.7]))) ** 2
         return jnp.concatenate([modes.frequencies, jnp.sum(moved, axis=1)]), modes.result
 
-    def both(numbers):
-        return answers(numbers)[0], answers(numbers)
-
     @compiled
     @jax.vmap
     def look(numbers):
-        forward, (value, result) = jax.jacfwd(both, has_aux=True)(numbers)
-        return value, forward, jax.jacrev(lambda numbers: answers(numbers)[0])(numbers), result
+        value, push, result = jax.linearize(answers, numbers, has_aux=True)
+        pull = jax.linear_transpose(push, numbers)
+        forward = jax.vmap(push, out_axes=-1)(jnp.eye(2))
+        reverse = jax.vmap(lambda cotangent: pull(cotangent)[0])(jnp.eye(value.size))
+        return value, forward, reverse, result
 
     return look
 
