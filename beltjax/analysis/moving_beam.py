@@ -91,8 +91,7 @@ def moving_beam_modes(
     `beyond_critical_speed`, for traced numbers that make no sense `beam_unusable`; then all
     values are zero, with zero derivatives.
     """
-    ends = _checked_ends(ends)
-    _check_count(count)
+    ends, count = _checked_ends(ends), _checked_count(count)
     if method not in METHODS:
         raise ValueError(f"method: {method!r} is not one of {', '.join(map(repr, METHODS))}.")
     eps, v = _checked_number("bending", bending), _checked_number("speed", speed)
@@ -121,8 +120,7 @@ def span_frequencies(
     Fails as `steady_state` does. With `throw=False` read `.result`: a failed lane of a batch
     holds zeros with zero derivatives.
     """
-    ends = _checked_ends(ends)
-    _check_count(count)
+    ends, count = _checked_ends(ends), _checked_count(count)
     found = _span_frequencies(drive, point, ends, count)
     return raise_unless_successful(found, found.result, throw)
 
@@ -132,15 +130,14 @@ def _checked_ends(ends: Any) -> Ends:
     if len(found) != 2:
         raise ValueError(f"ends: give a pair such as ('simple', 'fixed'), not {ends!r}.")
     for end in found:
-        if end not in beam.SUPPORTS:
-            allowed = " or ".join(map(repr, beam.SUPPORTS))
-            raise ValueError(f"ends: unknown support {end!r}; give {allowed} for each end.")
+        beam.require_support(end)
     return found
 
 
-def _check_count(count: Any) -> None:
+def _checked_count(count: Any) -> int:
     if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
         raise ValueError(f"count: give a whole number of modes, 1 or more, not {count!r}.")
+    return int(count)
 
 
 def _checked_number(name: str, value: Any) -> Scalar:
@@ -189,7 +186,6 @@ def _outcome(eps: Scalar, v: Scalar, limit: Scalar) -> tuple[Scalar, Scalar, RES
 def _modes(eps: Scalar, v: Scalar, ends: Ends, count: int, method: Method) -> MovingBeamModes:
     exact = method == "exact"
     limit = beam.critical_speed(eps, ends) if exact else jnp.ones_like(eps)
-    bending, speed = eps, v
     eps, v, result = _outcome(eps, v, limit)
     if exact:
         solved = _exact_frequencies(eps, v, ends, count)
@@ -212,8 +208,8 @@ def _modes(eps: Scalar, v: Scalar, ends: Ends, count: int, method: Method) -> Mo
         wave_numbers=kept(jnp.stack([r.astype(complex) for r in roots], axis=-1)),
         amplitudes=kept(jnp.stack(amplitudes, axis=-1)),
         error=kept(solved.error),
-        bending=bending,
-        speed=speed,
+        bending=eps,
+        speed=v,
         result=result,
         stats={"steps": solved.steps},
         ends=ends,

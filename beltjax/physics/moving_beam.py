@@ -42,6 +42,13 @@ _TERMS = 18  # of the series of cosh k and sinh(k)/k for -25 < k^2 < 4
 _NO_LAYER = 1.0 / 700.0  # e^{-1/u} underflows below this u
 
 
+def require_support(support: str) -> None:
+    """Raise `ValueError` for a support that is not one of `SUPPORTS`."""
+    if support not in SUPPORTS:
+        allowed = " or ".join(map(repr, SUPPORTS))
+        raise ValueError(f"ends: unknown support {support!r}; give {allowed} for each end.")
+
+
 def critical_speed(eps: Real, ends: Ends) -> Real:
     """The transport speed at which the first frequency vanishes and the beam buckles."""
     return jnp.sqrt(1.0 + _BUCKLING[ends.count("fixed")] * eps**2)
@@ -74,6 +81,7 @@ def reflection_phase(support: str, eps: Real, of: Waves) -> Real:
 
     simple: atan2(8 a e^2, h) = 8 eps^3 v^2 omega^3/(1-v^2)^(9/2) + ...; fixed: -atan2(2 a, g).
     """
+    require_support(support)
     _, a, e, _, _ = seen(eps, of)
     return jnp.arctan2(*_reflected(support, a, e))
 
@@ -91,8 +99,8 @@ def closure_phase(ends: Ends, eps: Real, of: Waves) -> Real:
     return (of.r1 - of.r2 + sum(phases)) / 2.0
 
 
-def _beyond_closure(ends: Ends, at: Seen) -> tuple[Real, Real]:
-    """(c, amplitude): what e^{-k} adds to sin(phase) in the determinant over its amplitude."""
+def _beyond_closure(ends: Ends, at: Seen) -> Real:
+    """c: what e^{-k} adds to sin(phase) in the determinant over its amplitude."""
     d, a, e, drift, u = at
     E = jnp.where(u > _NO_LAYER, jnp.exp(-1.0 / jnp.maximum(u, _NO_LAYER)), 0.0)
     sine, cosine = jnp.sin(d), jnp.cos(d)
@@ -102,8 +110,7 @@ def _beyond_closure(ends: Ends, at: Seen) -> tuple[Real, Real]:
     else:
         p, q = a * (4.0 * e**2 - a**2 - 1.0), 1.0 + 4.0 * e**2 + a**2
         added = E**2 * (q * sine - p * cosine) - 8.0 * a * e * E * jnp.sin(2.0 * drift)
-    amplitude = jnp.sqrt(p**2 + q**2)
-    return added / amplitude, amplitude
+    return added / jnp.sqrt(p**2 + q**2)
 
 
 def _thick_determinant(ends: Ends, k2: Real, d: Real, drift: Real) -> Real:
@@ -135,9 +142,8 @@ def closure(omega: Scalar, eps: Scalar, v: Scalar, n: Int[Array, ""], ends: Ends
     # buckling. There the determinant itself tells the side.
     thick = of.steepness <= _THICK * eps**2
     thin = of._replace(steepness=jnp.where(thick, 1.0, of.steepness))
-    at = seen(eps, thin)
-    beyond, _ = _beyond_closure(ends, at)
-    beyond = jnp.clip(beyond, -0.999, 0.999)
+    # The slope of arcsin stays finite on the way; at a frequency |c| is far below one.
+    beyond = jnp.clip(_beyond_closure(ends, seen(eps, thin)), -0.999, 0.999)
     odd = n % 2 == 1
     counted = closure_phase(ends, eps, thin) + jnp.where(odd, -1.0, 1.0) * jnp.arcsin(beyond)
     k2 = jnp.where(thick, of.steepness / jnp.where(eps > 0, eps, 1.0) ** 2, 0.0)

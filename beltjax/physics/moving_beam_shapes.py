@@ -11,7 +11,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
-from beltjax.physics.moving_beam import Ends
+from beltjax.physics.moving_beam import Ends, require_support
 from beltjax.physics.waves import WaveNumbers
 
 Real = Float[Array, "..."]
@@ -35,6 +35,7 @@ def _apart(support: str, r: Cplx | Real, s: Cplx | Real) -> Cplx:
 
 def reflection(support: str, roots: WaveNumbers) -> Reflection:
     """The four coefficients of Table 2.2 for "simple" or "fixed" supports, element by element."""
+    require_support(support)
     r1, r2, r3, r4 = roots
     at_A, at_B = _apart(support, r3, r1), _apart(support, r4, r2)
     return Reflection(
