@@ -9,6 +9,10 @@ from beltjax.analysis.linearization import Linearization as Linearization
 from beltjax.analysis.linearization import linearize as linearize
 from beltjax.analysis.modes import Modes as Modes
 from beltjax.analysis.modes import modes as modes
+from beltjax.analysis.moving_beam import MovingBeamModes as MovingBeamModes
+from beltjax.analysis.moving_beam import SpanFrequencies as SpanFrequencies
+from beltjax.analysis.moving_beam import moving_beam_modes as moving_beam_modes
+from beltjax.analysis.moving_beam import span_frequencies as span_frequencies
 from beltjax.analysis.reference import ReferenceState as ReferenceState
 from beltjax.analysis.reference import reference_state as reference_state
 from beltjax.analysis.response import Excitation as Excitation

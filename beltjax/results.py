@@ -45,6 +45,9 @@ if TYPE_CHECKING:
         arm_at_stop: "RESULTS"
         span_slack: "RESULTS"
         steady_state_not_found: "RESULTS"
+        beam_unusable: "RESULTS"
+        beyond_critical_speed: "RESULTS"
+        frequency_not_found: "RESULTS"
         equations_nonfinite: "RESULTS"
         mesh_exhausted: "RESULTS"
         newton_failed: "RESULTS"
@@ -104,6 +107,19 @@ else:
         steady_state_not_found = (
             "The search for the running tension did not end. Look for a number that is far out of "
             "the ordinary: bending stiffness, tension, belt speed."
+        )
+        beam_unusable = (
+            "The bending of a moving beam is negative, or its bending or speed is not finite. "
+            "Bending is sqrt(EI/P)/L, 0 for a string."
+        )
+        beyond_critical_speed = (
+            "The beam moves at its critical speed or faster: it diverges, and its lowest frequency "
+            "is gone. Lower the speed or raise the tension. (The perturbation stops at speed 1; "
+            'method="exact" goes on to v^2 = 1 + (pi bending)^2 or more.)'
+        )
+        frequency_not_found = (
+            "The search for a frequency did not end. Look for a bending or a speed that is far "
+            "out of the ordinary."
         )
         equations_nonfinite = (
             "The equations gave inf or nan where the search began. Check the guess and the "

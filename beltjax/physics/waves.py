@@ -14,7 +14,7 @@ x = 0, and r4 = conj(r3), which decays away from x = 1. As the four add to zero,
 
     r3,4 = drift +- i steep/sqrt(B),     drift = -(r1 + r2)/2,
 
-and r1, r2, drift and steep are smooth functions of B through B = 0, where r3 and r4 are not.
+and r1, r2, drift and steep^2 are smooth functions of B through B = 0, where r3 and r4 are not.
 All functions work on arrays, element by element.
 """
 
@@ -29,7 +29,7 @@ Real = Float[Array, "..."]
 # Newton's method starts at most 1.7 times above the root of a convex function (two million random
 # coefficients); six steps bring it to 4e-14, the seventh to rounding.
 _STEPS = 7
-_LEAST_STIFFNESS = 1e-30  # for r3 and r4 alone
+_LEAST_STIFFNESS = 1e-40  # for r3 and r4 alone
 
 
 class Waves(NamedTuple):
@@ -38,7 +38,7 @@ class Waves(NamedTuple):
     r1: Real  # > 0
     r2: Real  # < 0
     drift: Real  # Re r3 = Re r4
-    steep: Real  # sqrt(B) Im r3 > 0; sqrt(Q) of the string
+    steepness: Real  # steep^2 = B (Im r3)^2; Q of the string
 
 
 class WaveNumbers(NamedTuple):
@@ -56,42 +56,63 @@ def wave_numbers(
     """Roots of stiffness r^4 + tension r^2 + 2 transport omega r - inertia omega^2 = 0.
 
     For real omega > 0, tension > 0, inertia > 0, stiffness >= 0; to rounding. As the stiffness
-    vanishes Im r3 grows without bound: below a stiffness of 1e-30 it is held, without derivative
-    there, at the value for 1e-30, so that e^{i r3 x} is 1 at x = 0 and 0 elsewhere. What stays
+    vanishes Im r3 grows without bound: below a stiffness of 1e-40 it is held, without derivative
+    there, at the value for 1e-40, so that e^{i r3 x} is 1 at x = 0 and 0 elsewhere. What stays
     smooth is in `waves`. Kong (2003), eq. (2.4).
     """
-    r1, r2, drift, steep = waves(stiffness, tension, transport, inertia, omega)
+    r1, r2, drift, steepness = waves(stiffness, tension, transport, inertia, omega)
     held = jnp.where(stiffness > _LEAST_STIFFNESS, stiffness, _LEAST_STIFFNESS)
-    r3 = jax.lax.complex(drift, steep / jnp.sqrt(held))
-    return WaveNumbers(r1, r2, r3, jnp.conj(r3))
+    decay = _root_or_zero(steepness / held)
+    # Under compression r3 and r4 may be real: the larger as a sum, the other by their product.
+    apart = _root_or_zero(-steepness / held)
+    far = drift + jnp.where(drift < 0, -apart, apart)
+    product = inertia * omega**2 / (-held * r1 * r2)
+    near = jnp.where(apart > 0, product / jnp.where(apart > 0, far, 1.0), far)
+    return WaveNumbers(r1, r2, jax.lax.complex(near, decay), jax.lax.complex(far, -decay))
+
+
+def _root_or_zero(square: Real) -> Real:
+    positive = square > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1.0)), 0.0)
 
 
 def waves(stiffness: Real, tension: Real, transport: Real, inertia: Real, omega: Real) -> Waves:
-    """The roots as `Waves`, each part to rounding and differentiable, also at stiffness 0."""
+    """The roots as `Waves`, each part to rounding and differentiable, also at stiffness 0.
+
+    The tension may also be zero or negative (a beam in compression) while the waves are those of
+    c^2 + Q m > 0; there r1, or for c < 0 r2, is the smallest of its sign, and a negative
+    `steepness` says that r3 and r4 are real.
+    """
     B, Q, c, m, omega = jnp.broadcast_arrays(
         *(jnp.asarray(x, dtype=float) for x in (stiffness, tension, transport, inertia, omega))
     )
-    r1 = _travelling(B, Q, c * omega, m * omega**2)
-    r2 = -_travelling(B, Q, -c * omega, m * omega**2)
+    # Both in one call, which halves what is to be compiled.
+    push = jnp.stack([c * omega, -c * omega])
+    r1, opposite = _travelling(B, Q, push, m * omega**2)
+    r2 = -opposite
     # The quadratic factor r^2 - 2 drift r + (Q/B - r1 r2 + 4 drift^2) holds r3 and r4. Nothing
     # cancels in it but r1 + r2 for slow transport; comparing the terms in r gives that sum to
     # its own rounding.
     product = -r1 * r2
     drift = c * omega / (Q + B * (2.0 * product + (r1 + r2) ** 2))
-    steep = jnp.sqrt(Q + B * (product + 3.0 * drift**2))
-    return Waves(r1, r2, drift, steep)
+    return Waves(r1, r2, drift, Q + B * (product + 3.0 * drift**2))
 
 
 @jax.custom_jvp
 def _travelling(B: Real, Q: Real, b: Real, M: Real) -> Real:
     """The positive root of B s^4 + Q s^2 + 2 b s - M."""
-    # The function is convex and negative at 0: from any bound above the root Newton's method
-    # decreases to it. Bounds are the string's root, and the root without tension.
-    reach = jnp.abs(b) + jnp.sqrt(b**2 + Q * M)
-    string = jnp.where(b < 0, reach / Q, M / jnp.where(reach > 0, reach, 1.0))
+    # For Q >= 0 the function is convex and negative at 0: from any bound above the root Newton's
+    # method decreases to it. Bounds are the string's root, and the root without tension. For
+    # Q < 0 it is convex from the string's root on where b > 0, and from `beam` on where b < 0.
+    reach = jnp.abs(b) + jnp.sqrt(jnp.maximum(b**2 + Q * M, 0.0))
+    ahead = M / jnp.where(reach > 0, reach, 1.0)
+    behind = jnp.where(Q > 0, reach / jnp.where(Q > 0, Q, 1.0), jnp.inf)
+    # Each of at most `terms` terms opposes B s^4, so that the largest is at least its share.
     stiff = jnp.where(B > 0, B, 1.0)
-    pushed = jnp.maximum(jnp.cbrt(4.0 * jnp.abs(b) / stiff), (2.0 * M / stiff) ** 0.25)
-    beam = jnp.where(b < 0, pushed, (M / stiff) ** 0.25)
+    terms = jnp.where(Q < 0, 3.0, jnp.where(b < 0, 2.0, 1.0)) / stiff
+    beam = jnp.maximum((terms * M) ** 0.25, jnp.cbrt(2.0 * terms * jnp.maximum(-b, 0.0)))
+    beam = jnp.maximum(beam, jnp.sqrt(terms * jnp.maximum(-Q, 0.0)))
+    string = jnp.where(b < 0, behind, ahead)
     s = jnp.where(B > 0, jnp.minimum(string, beam), string)
     for _ in range(_STEPS):
         # The next point as a quotient of sums, to keep the digits of a small root.
