@@ -37,21 +37,11 @@ def fast(ends):
     return [(eps, speed_between(eps, share, ends)) for eps in (0.03, 0.2) for share in SHARES]
 
 
-def compiled(function):
-    """`function`, jitted the way that is quickest for long chains of scalar formulas.
-
-    Which the other tests' flag, not to fuse kernels, is not: a kernel for every operation takes
-    three times as long to compile here.
-    """
-    options = {"xla_disable_hlo_passes": "", "xla_backend_optimization_level": 0}
-    return jax.jit(function, compiler_options=options)
-
-
 @functools.cache
 def solved(ends):
     """Modes of all beams above, by (bending, speed)."""
     beams = [*GRID, *SERIES, *LIMITS, *fast(ends)]
     eps, v = (jnp.array(numbers) for numbers in zip(*beams, strict=True))
-    modes = compiled(jax.vmap(lambda eps, v: bj.moving_beam_modes(eps, v, ends, COUNT)))(eps, v)
+    modes = jax.jit(jax.vmap(lambda eps, v: bj.moving_beam_modes(eps, v, ends, COUNT)))(eps, v)
     assert np.all(modes.result == bj.RESULTS.successful)
     return {beam: jax.tree.map(lambda x, k=k: x[k], modes) for k, beam in enumerate(beams)}

@@ -45,7 +45,8 @@ def held(matrices, spans, driver=0):
 def companion_frequencies(M, G, K):
     """Positive imaginary parts of all eigenvalues, by SciPy's general `eig`; and the worst growth."""
     size = len(M)
-    A = np.block([[np.zeros((size, size)), np.eye(size)], -np.linalg.solve(M, np.hstack([K, G]))])
+    lower = -np.linalg.solve(M, np.hstack([K, G]))
+    A = np.vstack([np.hstack([np.zeros((size, size)), np.eye(size)]), lower])
     values = scipy.linalg.eigvals(A)
     return np.sort(values.imag[values.imag > 1e-9]), values.real.max()
 

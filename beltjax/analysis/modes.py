@@ -28,7 +28,7 @@ Route = Literal["auto", "hermitian", "general"]
 
 _SAME = 1e-9  # relative gap between exact frequencies that count as one repeated
 # Kinetic energy of pulleys and arm above which a mode is rotational, below which the spans'.
-_MOSTLY = 0.7
+_MOSTLY = 0.6
 
 
 class Modes(eqx.Module):
@@ -125,7 +125,7 @@ def modes(
     values = eigenvalues(lin.mass, C, lin.stiffness, eigen.values, eigen.left, eigen.vectors)
     vectors = eigenvectors(lin.mass, C, lin.stiffness, eigen.values, eigen.vectors)
     frequencies = values.imag if found.polished is None else exact_frequencies(lin, found)
-    result = _result(lin, found, values, route)
+    result = _result(lin, found, route)
     answer = described(lin, found, frequencies, values.real, vectors, result)
     return frozen_where_failed(answer, RESULTS.where(found.usable, RESULTS.successful, result))
 
@@ -157,16 +157,14 @@ def _rigid(lin: Linearization) -> int:
     return 1 if lin.free else 0
 
 
-def _result(lin: Linearization, found: Found, values, route: Route) -> RESULTS:
+def _result(lin: Linearization, found: Found, route: Route) -> RESULTS:
     isolated = True if found.polished is None else jnp.all(found.polished.converged)
-    unstable = ~found.eigen.stable
-    flutters = unstable & jnp.any((values.real > 0) & (values.imag > 0))
     unsolved = ~found.definite & (route == "hermitian")
     return first_failure(
         (~succeeded(lin.result), lin.result),
         (found.definite & ~jnp.asarray(isolated), RESULTS.frequencies_not_isolated),
-        (flutters, RESULTS.drive_flutters),
-        (unsolved | unstable, RESULTS.drive_diverges),
+        (found.eigen.flutters, RESULTS.drive_flutters),
+        (unsolved | found.eigen.diverges, RESULTS.drive_diverges),
     )
 
 
@@ -316,7 +314,7 @@ def modes_with_slopes(lin: Linearization, count: int) -> tuple[Modes, Linearizat
     """
     found = found_modes(lin, lin.gyroscopic, count, False, "hermitian")
     eigen = found.eigen
-    result = _result(lin, found, eigen.values, "hermitian")
+    result = _result(lin, found, "hermitian")
 
     def frequencies(lin):
         matrices = lin.mass, lin.gyroscopic, lin.stiffness

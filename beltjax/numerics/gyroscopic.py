@@ -27,7 +27,8 @@ class Eigen(NamedTuple):
     values: Complex[Array, " count"]  # lambda = growth rate + i angular frequency
     vectors: Vectors
     left: Vectors  # y with y* (lambda^2 M + lambda C + K) = 0; the vectors, where Hermitian
-    stable: Bool[Array, ""]  # no growth rate is positive
+    diverges: Bool[Array, ""]  # some mode, of all there are, grows without oscillating
+    flutters: Bool[Array, ""]  # some oscillation grows
 
 
 def positive_definite(matrix: Matrix) -> Bool[Array, ""]:
@@ -59,7 +60,8 @@ def hermitian_modes(M: Matrix, G: Matrix, K: Matrix, count: int, rigid: int = 0)
     moving = x[:size, first : first + count] / (1j * omega)
     vectors = jax.scipy.linalg.solve_triangular(L, moving, trans="T", lower=True).T
     vectors = _turned(vectors, moving.T)
-    return Eigen(1j * omega, vectors, vectors, jnp.array(True))
+    never = jnp.array(False)
+    return Eigen(1j * omega, vectors, vectors, never, never)
 
 
 def general_modes(M: Matrix, C: Matrix, K: Matrix, count: int, rigid: int = 0) -> Eigen:
@@ -73,6 +75,9 @@ def general_modes(M: Matrix, C: Matrix, K: Matrix, count: int, rigid: int = 0) -
     values, vectors = jnp.linalg.eig(_companion(M, C, K))
     scale = jnp.max(jnp.abs(values))
     still = jnp.abs(values.imag) <= 1e-10 * scale
+    # Rigid rotations and undamped modes have growth rates of the size of rounding errors.
+    grows = values.real > 1e-7 * scale
+    diverges, flutters = jnp.any(grows & still), jnp.any(grows & ~still)
     real = jnp.sort(jnp.where(still, values.real, -jnp.inf))[::-1]
     threshold = real[jnp.maximum(jnp.sum(still) // 2 - 1, 0)]
     chosen = jnp.where(still, values.real >= threshold, values.imag > 0)
@@ -84,9 +89,8 @@ def general_modes(M: Matrix, C: Matrix, K: Matrix, count: int, rigid: int = 0) -
     v = vectors[:size, order].T
     energy = jnp.abs(values) ** 2 * _form(v, M, v).real + jnp.abs(_form(v, K, v).real)
     v = v / jnp.sqrt(energy)[:, None]
-    stable = jnp.all(values.real <= 1e-9 * scale)
     v = _turned(v, v * jnp.sqrt(jnp.diag(M)))
-    return Eigen(values, v, _left_vectors(M, C, K, values, v), stable)
+    return Eigen(values, v, _left_vectors(M, C, K, values, v), diverges, flutters)
 
 
 def _companion(M: Matrix, C: Matrix, K: Matrix) -> Array:

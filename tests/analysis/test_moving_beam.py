@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import legendre_beam
 import numpy as np
 import pytest
-from moving_beams import BENDINGS, COUNT, GRID, SPEEDS, compiled, fast, solved
+from moving_beams import BENDINGS, COUNT, GRID, SPEEDS, fast, solved
 
 import beltjax as bj
 
