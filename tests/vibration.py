@@ -19,11 +19,11 @@ INERTIAS = np.array([0.07248, 0.000293, 0.000293])  # [kg m^2], Table 4.1
 ARM_INERTIA = 0.001165
 
 
-def source_model(eps, s, inertia_factor=1.0) -> VibrationModel:
+def source_model(eps, s, beta=BETA) -> VibrationModel:
     """The source's prototype with its own rounded numbers; the belt runs against x."""
-    steady = prototype(eps, s)
+    steady = prototype(eps, s, beta=beta)
     found = exact(steady)
-    mean, (beta_in, beta_out) = SPANS.mean(), np.radians(BETA)
+    mean, (beta_in, beta_out) = SPANS.mean(), np.radians(beta)
     u, z = span.layer_width(steady.eps, steady.lam, found.Q)
     arm_strain = ARM / SPANS * np.array([-np.sin(beta_in), np.sin(beta_out), 0.0])
     return VibrationModel(
@@ -31,7 +31,7 @@ def source_model(eps, s, inertia_factor=1.0) -> VibrationModel:
         lam=steady.lam, rho=steady.rho, Q=found.Q, kap_s=steady.kap_s, kap_e=steady.kap_e,
         u=u, z=z, drop=steady.a * found.th, a=steady.a, w_start=steady.w_start,
         pull=jnp.asarray(arm_strain), r=jnp.asarray(RADII / mean),
-        J=jnp.asarray(inertia_factor * INERTIAS / (MASS * ARM * mean**2)),
+        J=jnp.asarray(INERTIAS / (MASS * ARM * mean**2)),
         J_t=jnp.asarray(ARM_INERTIA / (MASS * ARM * mean**2)),
     )  # fmt: skip
 
@@ -51,9 +51,8 @@ def companion_frequencies(M, G, K):
     return np.sort(values.imag[values.imag > 1e-9]), values.real.max()
 
 
-def source_frequencies(eps, s, basis, inertia_factor=1.0):
-    model = source_model(eps, s, inertia_factor)
-    return companion_frequencies(*held(assembled(model, basis), 3))
+def source_frequencies(eps, s, basis):
+    return companion_frequencies(*held(assembled(source_model(eps, s), basis), 3))
 
 
 @functools.cache

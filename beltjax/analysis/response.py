@@ -17,7 +17,7 @@ from beltjax.physics.exact_vibration import (
     span_response,
     spans_in_motion,
 )
-from beltjax.results import RESULTS, frozen_where_failed, succeeded
+from beltjax.results import RESULTS, frozen_where_failed
 
 _POINTS = 65  # at which the peak of a span is looked for before it is refined
 
@@ -59,7 +59,6 @@ class Response(eqx.Module):
     result: RESULTS
 
 
-@eqx.filter_jit
 def frequency_response(
     linearization: Linearization,
     frequencies: Float[Array, " points"],
@@ -79,11 +78,16 @@ def frequency_response(
     pulley that is not there, for crank motion of a drive linearized `free`, and for `exact`
     with modal or stiffness damping. A failed linearization's result travels.
     """
-    lin, damping = linearization, Damping() if damping is None else damping
+    damping = Damping() if damping is None else damping
     frequencies = jnp.atleast_1d(as_real(frequencies))
     _require_frequencies(frequencies)
     if exact:
-        _require_closed_form(lin, damping)
+        _require_closed_form(linearization, damping)
+    return _response(linearization, frequencies, excitation, names, damping, exact)
+
+
+@eqx.filter_jit
+def _response(lin, frequencies, excitation: Excitation, names, damping, exact: bool) -> Response:
     torques = excitation.on(names) if excitation.torques else jnp.zeros(lin.spans, complex)
     forces = torques / (lin.scales.tension * lin.model.rho * lin.scales.length)
     omega = frequencies * lin.scales.time
@@ -192,7 +196,6 @@ def _in_newtons(lin, frequencies, z, rotations, arm, strains, peaks, crank) -> R
     )
 
 
-@eqx.filter_jit
 def speed_response(
     drive: Drive,
     point: OperatingPoint,
@@ -211,7 +214,12 @@ def speed_response(
     driver_speeds = jnp.atleast_1d(as_real(driver_speeds))
     _require_frequencies(driver_speeds)
     basis = Legendre(16) if basis is None else basis
+    damping = Damping() if damping is None else damping
+    return _over_speeds(drive, point, driver_speeds, excitation, as_real(order), damping, basis)
 
+
+@eqx.filter_jit
+def _over_speeds(drive, point, driver_speeds, excitation, order, damping, basis) -> Response:
     def at(speed):
         moved = eqx.tree_at(
             lambda p: (p.belt_speed, p.driver_speed),
@@ -260,15 +268,12 @@ def peak_response(
     grid = jnp.linspace(lower, upper, points)
     place = grid[jnp.argmax(jax.vmap(lambda omega: at(omega, fixed))(grid))]
     slope = jax.grad(at)
-    for _ in range(6):
+    reach = (grid[1] - grid[0]) / 2
+
+    def newton(_, place):
         first, second = jax.jvp(lambda w: slope(w, fixed), (place,), (jnp.ones(()),))
         step = jnp.where(second < 0, -first / jnp.where(second < 0, second, 1.0), 0.0)
-        reach = (grid[1] - grid[0]) / 2
-        place = jnp.clip(place + jnp.clip(step, -reach, reach), lower, upper)
-    place = jax.lax.stop_gradient(place)
+        return jnp.clip(place + jnp.clip(step, -reach, reach), lower, upper)
+
+    place = jax.lax.stop_gradient(jax.lax.fori_loop(0, 6, newton, place))
     return at(place, linearization), place
-
-
-def accepted(response: Response) -> Array:
-    """Whether each point of a response was found."""
-    return succeeded(response.result)
