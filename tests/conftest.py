@@ -8,6 +8,6 @@ os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + QUICK
 # A second thread of OpenBLAS only waits where both cores are at work.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import jax
+import jax  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)

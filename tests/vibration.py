@@ -43,7 +43,7 @@ def held(matrices, spans, driver=0):
 
 
 def companion_frequencies(M, G, K):
-    """Positive imaginary parts of all eigenvalues, by SciPy's general `eig`; and the worst growth."""
+    """Positive imaginary parts of all eigenvalues by SciPy's general `eig`; the worst growth."""
     size = len(M)
     lower = -np.linalg.solve(M, np.hstack([K, G]))
     A = np.vstack([np.hstack([np.zeros((size, size)), np.eye(size)]), lower])

@@ -1,7 +1,6 @@
 """Damping of a linearized drive."""
 
 import equinox as eqx
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from beltjax.analysis.linearization import Linearization
@@ -28,9 +27,7 @@ class Damping(eqx.Module):
                 raise ValueError(f"Damping: {name} must not be negative, and is {value}.")
 
 
-def damping_matrix(
-    linearization: Linearization, damping: Damping
-) -> Float[Array, "size size"]:
+def damping_matrix(linearization: Linearization, damping: Damping) -> Float[Array, "size size"]:
     """Symmetric damping matrix of the linearization, dimensionless."""
     lin = linearization
     matrix = damping.stiffness / lin.scales.time * lin.stiffness

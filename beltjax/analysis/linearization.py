@@ -1,7 +1,6 @@
 """Linearization of a drive about its steady state: mass, gyroscopic and stiffness matrices."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 

@@ -197,7 +197,8 @@ def _eigen(matrices, count: int, rigid: int, definite, route: Route) -> Eigen:
         return hermitian_modes(M, jnp.where(definite, C, 0.0), K, count, rigid)
 
     def general(matrices):
-        return general_modes(*matrices, count, rigid)
+        M, C, K = matrices
+        return general_modes(M, C, K, count, rigid)
 
     if route == "general":
         return general(matrices)
@@ -213,7 +214,8 @@ def _safe_model(lin: Linearization, wanted) -> tuple[VibrationModel, Array]:
 
 
 def _at(omega, args, *, has_arm: bool) -> Characteristic:
-    return characteristic(*args, has_arm, omega)
+    model, pulleys = args
+    return characteristic(model, pulleys, has_arm, omega)
 
 
 def _value(omega, args, *, has_arm: bool) -> Array:

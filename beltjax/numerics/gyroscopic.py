@@ -146,7 +146,7 @@ def eigenvalues(
 
 @eigenvalues.defjvp
 def _eigenvalues_jvp(primals, tangents):
-    M, C, K, values, left, right = primals
+    M, C, _, values, left, right = primals
     dM, dC, dK = tangents[:3]
     change = values**2 * _form(left, dM, right) + values * _form(left, dC, right)
     change = change + _form(left, dK, right)
@@ -155,9 +155,7 @@ def _eigenvalues_jvp(primals, tangents):
 
 
 @jax.custom_jvp
-def eigenvectors(
-    M: Matrix, C: Matrix, K: Matrix, values: Array, vectors: Vectors
-) -> Vectors:
+def eigenvectors(M: Matrix, C: Matrix, K: Matrix, values: Array, vectors: Vectors) -> Vectors:
     """`vectors` of simple modes, with their derivatives by M, C and K.
 
     They keep unit energy and their phase. Where a mode's frequency repeats its shape has no

@@ -225,16 +225,14 @@ def dynamic_stiffness(
     scale = jnp.sqrt(m.ka * m.gam)
     on_delta = (m.ka * of.forces[:, 2, 2]).real / scale**2
     coupling = (scale[:, None] * turning_strains(m)[:, kept]).astype(complex)
-    inertias = m.J[kept]
+    own = jnp.diag(-(omega**2) * m.J[kept]).astype(complex)
     if arm:
         lift = jnp.stack([m.w_start, m.w_start + m.a], axis=-1)
         to_arm = m.ka * jnp.einsum("sa,sa->s", of.forces[:, 2, :2], lift) / scale
         coupling = jnp.concatenate([coupling, (to_arm + scale * m.pull)[:, None]], axis=1)
-        inertias = jnp.append(inertias, m.J_t)
-    own = jnp.diag(-(omega**2) * inertias).astype(complex)
-    if arm:
         lifted = jnp.einsum("sa,sab,sb->s", lift, of.forces[:, :2, :2], lift)
-        own = own.at[-1, -1].add(m.k_s + jnp.sum(m.ka * lifted).real)
+        spring = m.k_s - omega**2 * m.J_t + jnp.sum(m.ka * lifted).real
+        own = jnp.pad(own, (0, 1)).at[-1, -1].set(spring)
     return on_delta, coupling, own
 
 

@@ -1,4 +1,4 @@
-"""Natural modes against print, against SciPy and between two routes that share no discretization."""
+"""Natural modes against print, SciPy, and between two routes that share no discretization."""
 
 import dataclasses
 
@@ -266,10 +266,12 @@ def test_missing_inertia_is_named():
     drive, point = at_groups(vibrating("three_pulley"), 0.04, 0.4)
     steady = bj.steady_state(drive, point)
     bare = eqx.tree_at(lambda d: d.tensioner.inertia, drive, None)
-    with pytest.raises(ValueError, match="Tensioner.inertia: missing"):
+    with pytest.raises(
+        ValueError, match="inertia: missing; vibration needs the inertia of the arm"
+    ):
         bj.linearize(bj.steady_state(bare, point))
     bare = eqx.tree_at(lambda d: d.pulleys[1].inertia, with_inertias(drive), None)
-    with pytest.raises(ValueError, match="Pulley.inertia: missing"):
+    with pytest.raises(ValueError, match="missing for a pulley"):
         bj.linearize(bj.steady_state(bare, point))
     with pytest.raises(ValueError, match=r"give Sine\(n\) or Legendre\(n\)"):
         bj.linearize(steady, "sine")

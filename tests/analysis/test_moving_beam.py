@@ -96,7 +96,7 @@ def three_ways(ends):
         moved = jnp.abs(modes.shapes(jnp.array([0.01, 0.3, 0.7]))) ** 2
         return jnp.concatenate([modes.frequencies, jnp.sum(moved, axis=1)]), modes.result
 
-    @compiled
+    @jax.jit
     @jax.vmap
     def look(numbers):
         value, push, result = jax.linearize(answers, numbers, has_aux=True)

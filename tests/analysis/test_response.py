@@ -20,9 +20,7 @@ def test_time_integration_after_the_transient():
     lin = linearized("three_pulley", 0.06, 0.5, bj.Legendre(3))
     omega = 2.2  # dimensionless, between the first two frequencies
     excitation = bj.Excitation(torques={"accessory": 1.0})
-    found = bj.frequency_response(
-        lin, omega / lin.scales.time, excitation, NAMES, damping=DAMPING
-    )
+    found = bj.frequency_response(lin, omega / lin.scales.time, excitation, NAMES, damping=DAMPING)
     size = len(lin.mass)
     C = lin.gyroscopic + damping_matrix(lin, DAMPING)
     place = 3 * 3 + 1  # the accessory, second of the pulleys that turn

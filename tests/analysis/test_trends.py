@@ -42,4 +42,3 @@ def rotational_frequency(beta):
 def test_an_effective_tensioner_lifts_the_rotational_mode():
     # Fig. 4.10, eta = 0.785 against 0.
     assert rotational_frequency(BETA) > rotational_frequency(BETA_INEFFECTIVE) + 0.1
-

@@ -26,7 +26,9 @@ def by_energy(steady, model, basis):
     layer = float(jnp.min(jnp.where(jnp.isinf(model.z), model.u, 1.0)))
     x, w = points(layer)
     spans, n = len(model.lam), basis.size
-    slope = jax.jit(jax.vmap(jax.grad(lambda x, i: steady.deflection(i, x)), (0, None)), static_argnums=1)
+    slope = jax.jit(
+        jax.vmap(jax.grad(lambda x, i: steady.deflection(i, x)), (0, None)), static_argnums=1
+    )
     slopes = jnp.stack([slope(jnp.asarray(x), i) for i in range(spans)])
     functions = [basis.values(jnp.asarray(x), order) for order in range(3)]
     lift = model.w_start[:, None] + model.a[:, None] * x
