@@ -18,7 +18,6 @@ from beltjax.numerics.gyroscopic import (
     eigenvectors,
     general_modes,
     hermitian_modes,
-    positive_definite,
 )
 from beltjax.physics.exact_vibration import Characteristic, characteristic
 from beltjax.physics.vibration import VibrationModel
@@ -142,9 +141,8 @@ class Found(NamedTuple):
 def found_modes(lin: Linearization, C: Array, count: int, exact: bool, route: Route) -> Found:
     """Solve the eigenproblem of M, C and K, and polish its frequencies if `exact`."""
     lin, C = jax.lax.stop_gradient((lin, C))
-    rigid, good = _rigid(lin), succeeded(lin.result)
-    definite = _definite(lin.stiffness, rigid)
-    eigen = _eigen((lin.mass, C, lin.stiffness), count, rigid, definite, route)
+    good = succeeded(lin.result)
+    eigen, definite = _eigen((lin.mass, C, lin.stiffness), count, _rigid(lin), route)
     usable = good & (definite | (route != "hermitian"))
     if not exact:
         return Found(eigen, None, definite, usable)
@@ -180,31 +178,20 @@ def _require_askable(lin: Linearization, count, size, exact, damping, route) -> 
         )
 
 
-def _definite(K: Array, rigid: int) -> Bool[Array, ""]:
-    """Whether K is positive definite, but for a rigid rotation."""
-    K = jax.lax.stop_gradient(K)
-    slack = 1e-12 * jnp.max(jnp.diag(K)) if rigid else 0.0
-    return positive_definite(K + slack * jnp.eye(len(K)))
-
-
-def _eigen(matrices, count: int, rigid: int, definite, route: Route) -> Eigen:
+def _eigen(matrices, count: int, rigid: int, route: Route) -> tuple[Eigen, Bool[Array, ""]]:
     """By the Hermitian form where it applies, and elsewhere as the route says."""
-
-    def hermitian(matrices):
-        M, C, K = matrices
-        unit = jnp.eye(len(K))
-        K = jnp.where(definite, K, unit)
-        return hermitian_modes(M, jnp.where(definite, C, 0.0), K, count, rigid)
-
-    def general(matrices):
-        M, C, K = matrices
-        return general_modes(M, C, K, count, rigid)
-
+    M, C, K = matrices
     if route == "general":
-        return general(matrices)
+        # Of a damped drive it is not asked; an unstable one shows by its growth rates.
+        return general_modes(M, C, K, count, rigid), jnp.array(True)
+    hermitian, definite = hermitian_modes(M, C, K, count, rigid)
     if route == "hermitian":
-        return hermitian(matrices)
-    return jax.lax.cond(definite, hermitian, general, matrices)
+        return hermitian, definite
+
+    def general(_):
+        return general_modes(M, C, K, count, rigid, after=hermitian.vectors)
+
+    return jax.lax.cond(definite, lambda _: hermitian, general, None), definite
 
 
 def _safe_model(lin: Linearization, wanted) -> tuple[VibrationModel, Array]:

@@ -31,27 +31,28 @@ class Eigen(NamedTuple):
     flutters: Bool[Array, ""]  # some oscillation grows
 
 
-def positive_definite(matrix: Matrix) -> Bool[Array, ""]:
-    """Whether a symmetric matrix is, safely."""
-    return jnp.all(jnp.isfinite(jnp.linalg.cholesky(matrix)))
+def hermitian_modes(
+    M: Matrix, G: Matrix, K: Matrix, count: int, rigid: int = 0
+) -> tuple[Eigen, Bool[Array, ""]]:
+    """The `count` lowest modes for K positive definite, and whether it is.
 
-
-def hermitian_modes(M: Matrix, G: Matrix, K: Matrix, count: int, rigid: int = 0) -> Eigen:
-    """The `count` lowest modes for K positive definite, or semidefinite with `rigid` zeros.
-
-    Modes of frequency zero are left out. Vectors have unit energy, and their component of
+    With `rigid` zeros K may be semidefinite; modes of frequency zero are left out. Where K is
+    not definite the modes are placeholders. Vectors have unit energy, and their component of
     largest kinetic energy is real and positive.
     """
     M, G, K = jax.lax.stop_gradient((M, G, K))
-    size = len(M)
-    L = jnp.linalg.cholesky(M)
+    size, unit = len(M), jnp.eye(len(M))
+    slack = 1e-12 * jnp.max(jnp.diag(K)) if rigid else 0.0
+    # Each matrix routine waits for the one before it. In a batch each blocks a thread of XLA's
+    # pool (jaxlib 0.10): two at a time on two cores wait for each other forever.
+    L, R = jnp.linalg.cholesky(jnp.stack([M, K + slack * unit]))
+    definite = jnp.all(jnp.isfinite(R))
     if rigid:
-        stiffness, modes = jnp.linalg.eigh(K)
+        stiffness, modes = jnp.linalg.eigh(_after(jnp.where(definite, K, unit), L))
         R = modes * jnp.sqrt(jnp.maximum(stiffness, 0.0))
-    else:
-        R = jnp.linalg.cholesky(K)
-    S = _solved(L, R)
-    B = _solved(L, _solved(L, G).T).T
+    R = jnp.where(definite, R, unit)
+    solved = _solved(L, jnp.concatenate([R, jnp.where(definite, G, 0.0)], axis=1))
+    S, B = solved[:, :size], _solved(L, solved[:, size:].T).T
     upper = jnp.concatenate([1j * B, 1j * S], axis=1)
     lower = jnp.concatenate([-1j * S.T, jnp.zeros_like(K) + 0j], axis=1)
     omega, x = jnp.linalg.eigh(jnp.concatenate([upper, lower]), symmetrize_input=False)
@@ -61,16 +62,26 @@ def hermitian_modes(M: Matrix, G: Matrix, K: Matrix, count: int, rigid: int = 0)
     vectors = jax.scipy.linalg.solve_triangular(L, moving, trans="T", lower=True).T
     vectors = _turned(vectors, moving.T)
     never = jnp.array(False)
-    return Eigen(1j * omega, vectors, vectors, never, never)
+    return Eigen(1j * omega, vectors, vectors, never, never), definite
 
 
-def general_modes(M: Matrix, C: Matrix, K: Matrix, count: int, rigid: int = 0) -> Eigen:
+def _after(value: Array, earlier: Array) -> Array:
+    """`value`, which is not ready before `earlier` is."""
+    number = jnp.ravel(earlier)[0].real
+    return value + 0.0 * jnp.where(jnp.isfinite(number), number, 0.0)
+
+
+def general_modes(
+    M: Matrix, C: Matrix, K: Matrix, count: int, rigid: int = 0, after: Array | None = None
+) -> Eigen:
     """The `count` lowest modes of any system by its companion matrix.
 
     Of a pair of conjugate eigenvalues the one with positive frequency is taken, of real ones
-    the half that grows most (or decays least). Sorted by frequency, then by decay.
+    the half that grows most (or decays least). Sorted by frequency, then by decay. Nothing
+    begins before `after` is there (see `hermitian_modes`).
     """
     M, C, K = jax.lax.stop_gradient((M, C, K))
+    M = M if after is None else _after(M, after)
     size = len(M)
     values, vectors = jnp.linalg.eig(_companion(M, C, K))
     scale = jnp.max(jnp.abs(values))
