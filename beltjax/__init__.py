@@ -21,6 +21,9 @@ from beltjax.analysis.steady import Linear as Linear
 from beltjax.analysis.steady import Perturbation as Perturbation
 from beltjax.analysis.steady import SteadyState as SteadyState
 from beltjax.analysis.steady import steady_state as steady_state
+from beltjax.analysis.sweep import Sweep as Sweep
+from beltjax.analysis.sweep import sweep as sweep
+from beltjax.analysis.tracking import Veering as Veering
 from beltjax.drive.components import Belt as Belt
 from beltjax.drive.components import BeltGiven as BeltGiven
 from beltjax.drive.components import Drive as Drive
