@@ -188,7 +188,7 @@ def explanations(result: RESULTS) -> tuple[str, ...]:
     codes = np.asarray(jax.tree.leaves(result)[0])
     texts = {}
     for code, place in zip(*np.unique(codes, return_index=True), strict=True):
-        one = jax.tree.map(lambda x, place=place: x[place], result)
+        one = jax.tree.map(lambda x, place=place: jnp.asarray(x[place]), result)
         texts[code] = "" if succeeded(one) else explanation(one)
     return tuple(texts[code] for code in codes)
 
