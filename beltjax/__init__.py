@@ -27,6 +27,7 @@ from beltjax.analysis.tracking import Veering as Veering
 from beltjax.drive.components import Belt as Belt
 from beltjax.drive.components import BeltGiven as BeltGiven
 from beltjax.drive.components import Drive as Drive
+from beltjax.drive.components import ExcitationGiven as ExcitationGiven
 from beltjax.drive.components import OperatingPoint as OperatingPoint
 from beltjax.drive.components import Pulley as Pulley
 from beltjax.drive.components import Tensioner as Tensioner

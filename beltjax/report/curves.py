@@ -67,7 +67,7 @@ def _draw_orders(axes: Axes, x, rotations, orders: Sequence[float], top: float) 
         if len(inside):
             at = inside[-1]
             text = f"order {order:g}"
-            axes.annotate(text, (x[at], order * rotations[at]), fontsize=8, ha="right", va="bottom")
+            axes.annotate(text, (x[at], order * rotations[at]), fontsize=8, ha="right", va="top")
 
 
 def response_figure(

@@ -101,7 +101,8 @@ def mode_shapes(
     """
     count = min(shown, len(modes.frequencies))
     rows = -(-count // 2)
-    figure = Figure(figsize=(12.0, 4.2 * rows), layout="constrained")
+    wide, high = np.ptp(belt_path(drive, modes.linearization.steady.reference.layout), axis=0)
+    figure = Figure(figsize=(12.0, rows * (1.0 + 5.5 * high / wide)), layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(rows, 2, squeeze=False).ravel()
     for axes in panels[count:]:

@@ -61,10 +61,10 @@ def sweep_tables(document: dict[str, Any]) -> Group:
 
 def _sweep_table(document: dict[str, Any]) -> Any:
     shown = min(len(document["labels"]), _COLUMNS)
-    unit = f" ({document['unit']})" if document["unit"] else ""
+    factor, unit = _shown_in(document)
     table = plain_table(
         escape(f"{document['drive']}: natural frequencies (Hz)"),
-        escape(document["over"]) + unit,
+        escape(document["over"]) + (f" ({unit})" if unit else ""),
         "Gamma",
         *(str(k + 1) for k in range(shown)),
     )
@@ -72,8 +72,13 @@ def _sweep_table(document: dict[str, Any]) -> Any:
     for p in np.unique(np.linspace(0, count - 1, min(count, _ROWS)).round().astype(int)):
         row = document["hertz"][p][:shown]
         gamma = number(document["coupling_total"][p], 4)
-        table.add_row(f"{document['values'][p]:.6g}", gamma, *(number(x, 2) for x in row))
+        table.add_row(f"{factor * document['values'][p]:.6g}", gamma, *(number(x, 2) for x in row))
     return table
+
+
+def _shown_in(document: dict[str, Any]) -> tuple[float, str]:
+    """Factor and unit in which people read the swept number."""
+    return (RPM, "rpm") if document["unit"] == "rad/s" else (1.0, document["unit"])
 
 
 def _modes_table(document: dict[str, Any]) -> Any:
@@ -87,11 +92,15 @@ def _modes_table(document: dict[str, Any]) -> Any:
 
 
 def _veering_table(document: dict[str, Any]) -> Any:
-    table = plain_table("Veerings", "modes", "at", "gap (Hz)", "")
+    factor, unit = _shown_in(document)
+    at = f"at ({unit})" if unit else "at"
+    table = plain_table("Veerings", "modes", at, "gap (Hz)", "")
     for veering in document["veerings"]:
         modes = " and ".join(map(str, veering["modes"]))
         note = "" if veering["resolved"] else "not resolved: an upper bound"
-        table.add_row(modes, f"{veering['value']:.6g}", number(veering["gap_hertz"], 3), note)
+        table.add_row(
+            modes, f"{factor * veering['value']:.6g}", number(veering["gap_hertz"], 3), note
+        )
     return table
 
 

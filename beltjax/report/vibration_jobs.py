@@ -81,7 +81,7 @@ def response_job(
     """Force the drive of a file over a range of speeds. Raises `FileError` as `sweep_job` does."""
     drive, point = _vibrating(path)
     excitation = _excitation(path, drive, point, given)
-    order = _ORDER if given.order is None else given.order
+    order = _order(point, given)
     if not order > 0:
         raise FileError("--order", "", f"found {order:g}; give a positive order")
     speeds = _asked("--speeds", lambda: read_range(given.speeds, "rad/s"))
@@ -102,28 +102,42 @@ def response_job(
     return Report(document, response_tables(document), failure, files)
 
 
+def _order(point: OperatingPoint, given: Forcing) -> float:
+    if given.order is not None:
+        return given.order
+    file = point.excitation
+    return _ORDER if file is None or file.order is None else float(file.order)
+
+
 def _excitation(path, drive: Drive, point: OperatingPoint, given: Forcing) -> Excitation:
-    """Crank motion and torques in the direction of belt travel, from the command."""
-    crank = 0.0
-    if given.crank is not None:
-        text = given.crank
-        crank = _asked("--crank", lambda: read_amplitude(text, "rad"))
-    pairs = [
-        _asked("--torque", lambda text=text: read_named(text, "NAME=AMPLITUDE"))
-        for text in given.torques
-    ]
-    torques = {
-        name: _asked("--torque", lambda text=text: read_amplitude(text, "N m"))
-        for name, text in pairs
-    }
+    """The command's crank motion and torques; the file's where the command names neither."""
+    file = point.excitation
+    if given.crank is not None or given.torques:
+        excitation = _commanded(drive, given)
+    elif file is not None:
+        excitation = Excitation(0.0 if file.crank is None else file.crank, file.torque)
+    else:
+        excitation = Excitation()
+    if not (np.abs(excitation.crank) or any(map(np.abs, excitation.torques.values()))):
+        message = "is not excited; give --crank, --torque NAME=AMPLITUDE or a table [excitation]"
+        raise FileError(path, "", message)
+    return excitation
+
+
+def _commanded(drive: Drive, given: Forcing) -> Excitation:
+    crank = _asked("--crank", lambda: read_amplitude(given.crank or "0", "rad"))
+    torques = {}
+    for text in given.torques:
+        name, size = _asked("--torque", lambda text=text: read_named(text, "NAME=AMPLITUDE"))
+        if name in torques:
+            raise FileError("--torque", "", f"names {name!r} twice; remove one of them")
+        torques[name] = _asked("--torque", lambda size=size: read_amplitude(size, "N m"))
     excitation = Excitation(crank, torques)
     _asked("--torque", lambda: excitation.on(drive.pulley_names))
     driver = drive.pulley_names[int(np.argmax(drive.drives))]
     if driver in torques:
         message = f"the motion of the driver {driver!r} is given; use --crank"
         raise FileError("--torque", "", message)
-    if not (crank or any(torques.values())):
-        raise FileError(path, "", "is not excited; give --crank or --torque NAME=AMPLITUDE")
     return excitation
 
 
