@@ -23,6 +23,7 @@ from beltjax.results import RESULTS, explanations, succeeded
 if TYPE_CHECKING:
     import xarray
 
+BASIS = Legendre(24)
 CHUNK = 16  # points solved at once; every call has this many, so that one compiles
 _SPARE = 4  # modes looked at above those asked for, so that one may leave without a false match
 
@@ -134,8 +135,8 @@ def sweep(
     """
     require_number(drive, point, name)
     grid = _required_grid(values)
-    basis = Legendre(24) if basis is None else basis
-    window = _window(drive, basis, count)
+    basis = BASIS if basis is None else basis
+    window = min(count + _SPARE, require_count(drive, count, basis))
     if not 0 < limit < 1 or depth < 0:
         raise ValueError(f"limit, depth: found {limit}, {depth}; give 0 < limit < 1, depth >= 0.")
     advance = advance or (lambda stage, done, total: None)
@@ -179,12 +180,12 @@ def _required_grid(values: Any) -> Float[np.ndarray, " points"]:
     return grid
 
 
-def _window(drive: Drive, basis: AbstractBasis, count: int) -> int:
-    """How many modes are looked at: those asked for, and spare ones as far as there are."""
+def require_count(drive: Drive, count: int, basis: AbstractBasis = BASIS) -> int:
+    """Number of modes there are; raises `ValueError` unless `count` is between 1 and it."""
     size = len(drive.pulleys) * (basis.size + 1) - 1 + (drive.tensioner is not None)
     if not 1 <= count <= size:
         raise ValueError(f"count: found {count}; give 1 to {size}, or a larger basis.")
-    return min(count + _SPARE, size)
+    return size
 
 
 class _Evaluation(NamedTuple):

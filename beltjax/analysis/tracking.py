@@ -130,6 +130,8 @@ def tracks(links: Links, count: int) -> Int[np.ndarray, "points modes"]:
     """Place in the window of every mode that is among the `count` lowest somewhere; -1: absent."""
     low = links.names[:, :count]
     wanted = np.unique(low[low >= 0])
+    if not len(wanted):  # no point succeeded
+        return np.zeros((len(low), 0), int)
     found = links.names[:, None, :] == wanted[None, :, None]
     return np.where(found.any(axis=2), found.argmax(axis=2), -1)
 

@@ -34,8 +34,8 @@ def sweep_figure(
     """
     figure, axes = _picture()
     speeds = driver_speeds(drive, found)
-    by_rpm = speeds is not None and found.name == SPEEDS[1]
-    x = speeds * RPM if by_rpm else found.values
+    by_rpm = found.unit == "rad/s"
+    x = found.values * (RPM if by_rpm else 1.0)
     hertz = found.frequencies / (2 * np.pi)
     colors = matplotlib.colormaps["tab20" if hertz.shape[1] > _MANY else "tab10"].colors  # pyright: ignore[reportAttributeAccessIssue]
     for k, label in enumerate(labels):

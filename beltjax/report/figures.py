@@ -2,7 +2,6 @@
 
 import io
 import os
-from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +12,7 @@ from matplotlib.figure import Figure
 from beltjax.analysis.modes import Modes
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.layout import Layout, turned
+from beltjax.report.documents import mode_labels
 from beltjax.writing import write_whole
 
 # Okabe and Ito's palette, which people with any color vision can tell apart.
@@ -91,9 +91,7 @@ def before_and_after(
     return figure
 
 
-def mode_shapes(
-    drive: Drive, point: OperatingPoint, modes: Modes, labels: Sequence[str], shown: int = 6
-) -> Figure:
+def mode_shapes(drive: Drive, point: OperatingPoint, modes: Modes, shown: int = 6) -> Figure:
     """The first modes on the layout: spans deflected along their normals, pulleys turned, arm.
 
     All parts of a mode are drawn to one scale, a span's deflection beside a rim's travel, at the
@@ -101,6 +99,7 @@ def mode_shapes(
     """
     count = min(shown, len(modes.frequencies))
     rows = -(-count // 2)
+    labels = mode_labels(drive, modes)
     wide, high = np.ptp(belt_path(drive, modes.linearization.steady.reference.layout), axis=0)
     figure = Figure(figsize=(12.0, rows * (1.0 + 5.5 * high / wide)), layout="constrained")
     FigureCanvasAgg(figure)
@@ -118,12 +117,12 @@ def mode_shapes(
 def _draw_mode(axes: Axes, drive: Drive, travel: float, modes: Modes, k: int) -> None:
     at = modes.linearization.steady.reference.layout
     x = np.linspace(0.0, 1.0, 81)
-    spans = [np.asarray(modes.deflection(k, i, x)).real for i in range(len(drive.pulleys))]
+    spans = [np.real(modes.deflection(k, i, jnp.asarray(x))) for i in range(len(drive.pulleys))]
     radii, centers = np.asarray(drive.radii), np.asarray(at.centers)
     # Rotations are in the direction of travel: counterclockwise inside a counterclockwise loop.
     turn = travel * np.asarray(drive.faces * drive.sense)
-    rotations = turn * np.asarray(modes.rotations[k]).real
-    arm = float(np.asarray(modes.arm_rotations[k]).real)
+    rotations = turn * np.real(modes.rotations[k])
+    arm = float(np.real(modes.arm_rotations[k]))
     reach = [np.max(np.abs(spans)), np.max(np.abs(radii * rotations))]
     if drive.tensioner is not None:
         reach.append(abs(arm) * float(at.arm_length))

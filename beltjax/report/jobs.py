@@ -48,9 +48,9 @@ def analysis_job(path: str | os.PathLike[str], figure: str | None = None) -> Rep
     document = analysis_document(drive, found) | {"success": not failure}
     tables = analysis_tables(document, plain_numbers(drive, point))
     files: tuple[tuple[str, bytes], ...] = ()
-    if figure and document["modes"]:
+    if figure and found.modes and not failure:
         figures = importlib.import_module("beltjax.report.figures")  # slow to load
-        picture = figures.mode_shapes(drive, point, found.modes, document["modes"]["labels"])
+        picture = figures.mode_shapes(drive, point, found.modes)
         files = ((figure, figures.picture_bytes(picture, figure)),)
     return Report(document, tables, failure, files)
 

@@ -12,7 +12,7 @@ import numpy as np
 from beltjax.analysis.damping import Damping
 from beltjax.analysis.linearization import has_inertias
 from beltjax.analysis.response import Excitation, Response, speed_response
-from beltjax.analysis.sweep import CHUNK, Sweep, sweep
+from beltjax.analysis.sweep import CHUNK, Sweep, require_count, sweep
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.files import load_drive
 from beltjax.drive.numbers import require_number, unit_of_number
@@ -50,9 +50,8 @@ def sweep_job(
     _asked("--over", lambda: require_number(drive, point, name))
     values = _asked("--over", lambda: read_range(text, unit_of_number(name)))
     lines = _asked("--orders", lambda: read_orders(orders))
-    found = _asked(
-        "--count", lambda: sweep(drive, point, name, values, count=count, advance=advance)
-    )
+    _asked("--count", lambda: require_count(drive, count))
+    found = sweep(drive, point, name, values, count=count, advance=advance)
     document = sweep_document(drive, found)
     files = []
     if netcdf:
