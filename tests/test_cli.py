@@ -37,8 +37,10 @@ def one_line(text):
 
 
 def test_analyze_prints_a_table_and_writes_the_fixed_keys(run, tmp_path):
-    status, out, err = run("analyze", EXAMPLES / "three_pulley.toml", "--json", "out.json")
+    files = "--json", "out.json", "--figure", "modes.png"
+    status, out, err = run("analyze", EXAMPLES / "three_pulley.toml", *files)
     assert (status, err) == (0, "")
+    assert (tmp_path / "modes.png").read_bytes().startswith(b"\x89PNG")
     assert "crankshaft-tensioner" in out
     assert "coupling Gamma" in out
     document = json.loads((tmp_path / "out.json").read_text())

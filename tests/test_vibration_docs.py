@@ -3,9 +3,12 @@
 import re
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 
 
+@pytest.mark.slow  # a quarter of a minute, most of it compiling
 def test_code_blocks_run(tmp_path, monkeypatch):
     page = ROOT / "docs" / "vibration.md"
     blocks = re.findall(r"```python\n(.*?)```", page.read_text(), flags=re.DOTALL)

@@ -1,5 +1,6 @@
 """What `beltjax sweep` and `beltjax response` do, from a drive file to a report."""
 
+import dataclasses
 import importlib
 import os
 from collections.abc import Callable, Sequence
@@ -112,18 +113,21 @@ def _excitation(path, drive: Drive, point: OperatingPoint, given: Forcing) -> Ex
     """The command's crank motion and torques; the file's where the command names neither."""
     file = point.excitation
     if given.crank is not None or given.torques:
-        excitation = _commanded(drive, given)
+        crank, torques = _commanded(drive, given)
     elif file is not None:
-        excitation = Excitation(0.0 if file.crank is None else file.crank, file.torque)
+        crank, torques = file.crank, file.torque
     else:
-        excitation = Excitation()
-    if not (np.abs(excitation.crank) or any(map(np.abs, excitation.torques.values()))):
+        crank, torques = None, {}
+    crank = 0.0 if crank is None else crank
+    if not (float(crank) or any(map(float, torques.values()))):
         message = "is not excited; give --crank, --torque NAME=AMPLITUDE or a table [excitation]"
         raise FileError(path, "", message)
-    return excitation
+    # A torque on every pulley, most of them zero, so that all excitations compile once.
+    return Excitation(crank, {name: torques.get(name, 0.0) for name in drive.pulley_names})
 
 
-def _commanded(drive: Drive, given: Forcing) -> Excitation:
+def _commanded(drive: Drive, given: Forcing) -> tuple[float, dict[str, float]]:
+    """Amplitudes of the command's crank motion [rad] and torques [N m]."""
     crank = _asked("--crank", lambda: read_amplitude(given.crank or "0", "rad"))
     torques = {}
     for text in given.torques:
@@ -131,13 +135,12 @@ def _commanded(drive: Drive, given: Forcing) -> Excitation:
         if name in torques:
             raise FileError("--torque", "", f"names {name!r} twice; remove one of them")
         torques[name] = _asked("--torque", lambda size=size: read_amplitude(size, "N m"))
-    excitation = Excitation(crank, torques)
-    _asked("--torque", lambda: excitation.on(drive.pulley_names))
+    _asked("--torque", lambda: Excitation(crank, torques).on(drive.pulley_names))
     driver = drive.pulley_names[int(np.argmax(drive.drives))]
     if driver in torques:
         message = f"the motion of the driver {driver!r} is given; use --crank"
         raise FileError("--torque", "", message)
-    return excitation
+    return crank, torques
 
 
 def _responses(
@@ -145,6 +148,7 @@ def _responses(
 ) -> Response:
     """Chunk by chunk, each of the same length, so that one compiles and progress shows."""
     run = quickly_compiled(_response)
+    point = dataclasses.replace(point, excitation=None)  # which is `excitation` by now
     parts = []
     for start in range(0, len(speeds), CHUNK):
         advance("forcing", start, len(speeds))
