@@ -40,7 +40,7 @@ def test_sweep_writes_json_netcdf_and_a_picture_that_agree(run, tmp_path):
     files = "--json", "s.json", "--netcdf", "s.nc", "--figure", "s.png"
     status, out, err = run("sweep", DRIVE, "--over", over, "--count", 4, *files)
     assert (status, err) == (0, "")
-    assert re.search(r"operation\.driver_speed \(rpm\)", out)
+    assert re.search(r"over\s+operation\.driver_speed\s+at \(rpm\)\s+Gamma\s+1 ", out)
     assert re.search(r"^ +6000 ", out, flags=re.MULTILINE)
     document = json.loads((tmp_path / "s.json").read_text())
     assert document["values"][-1] == pytest.approx(200 * np.pi)

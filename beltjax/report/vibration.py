@@ -15,7 +15,7 @@ from beltjax.report.tables import number, plain_table
 from beltjax.results import explanations
 
 _ROWS = 13  # of a sweep's table; every row is in the JSON and the NetCDF file
-_COLUMNS = 10
+_COLUMNS = 8  # of them, to fit the width of a page
 
 
 def sweep_document(drive: Drive, found: Sweep) -> dict[str, Any]:
@@ -48,7 +48,7 @@ def sweep_document(drive: Drive, found: Sweep) -> dict[str, Any]:
 
 
 def sweep_tables(document: dict[str, Any]) -> Group:
-    """Some rows of a sweep, its modes and its veerings."""
+    """Some rows and columns of a sweep, all its modes and its veerings."""
     parts = [_sweep_table(document), _modes_table(document)]
     if document["veerings"]:
         parts.append(_veering_table(document))
@@ -62,12 +62,9 @@ def sweep_tables(document: dict[str, Any]) -> Group:
 def _sweep_table(document: dict[str, Any]) -> Any:
     shown = min(len(document["labels"]), _COLUMNS)
     factor, unit = _shown_in(document)
-    table = plain_table(
-        escape(f"{document['drive']}: natural frequencies (Hz)"),
-        escape(document["over"]) + (f" ({unit})" if unit else ""),
-        "Gamma",
-        *(str(k + 1) for k in range(shown)),
-    )
+    title = f"{document['drive']}: natural frequencies (Hz) over {document['over']}"
+    columns = ["Gamma", *(str(k + 1) for k in range(shown))]
+    table = plain_table(escape(title), f"at ({unit})" if unit else "at", *columns)
     count = len(document["values"])
     for p in np.unique(np.linspace(0, count - 1, min(count, _ROWS)).round().astype(int)):
         row = document["hertz"][p][:shown]
