@@ -133,7 +133,7 @@ def sweep(
     path, not for pulleys that overlap. Raises `ValueError` for a name that is not there, values
     that are fewer than two, not finite or not increasing, and a count the basis has no room for.
     """
-    require_number(drive, point, name)
+    require_number(drive, name)
     grid = _required_grid(values)
     basis = BASIS if basis is None else basis
     window = min(count + _SPARE, require_count(drive, count, basis))

@@ -15,7 +15,7 @@ SPEEDS = ("operation.belt_speed", "operation.driver_speed")
 _FEW = ("operation.belt_speed", "belt.bending_stiffness", "installation.tension")
 
 
-def number_names(drive: Drive, point: OperatingPoint) -> list[str]:
+def number_names(drive: Drive) -> list[str]:
     """Keys of the numbers that `with_number` sets.
 
     Beside the design variables: inertias, friction, rims, damping, the pivot's parts, the speed of
@@ -32,9 +32,9 @@ def number_names(drive: Drive, point: OperatingPoint) -> list[str]:
     return [*names, *SPEEDS, *torques]
 
 
-def require_number(drive: Drive, point: OperatingPoint, name: str) -> None:
+def require_number(drive: Drive, name: str) -> None:
     """Raise `ValueError`, with some of the keys there are, unless `name` is one of them."""
-    names = number_names(drive, point)
+    names = number_names(drive)
     if name in names:
         return
     close = difflib.get_close_matches(name, names, n=3)

@@ -48,7 +48,7 @@ def sweep_job(
     """Sweep one number of a drive file. Raises `FileError` for what cannot be asked."""
     drive, point = _vibrating(path)
     name, text = _asked("--over", lambda: read_named(over, "NAME=FROM:TO:POINTS"))
-    _asked("--over", lambda: require_number(drive, point, name))
+    _asked("--over", lambda: require_number(drive, name))
     values = _asked("--over", lambda: read_range(text, unit_of_number(name)))
     lines = _asked("--orders", lambda: read_orders(orders))
     _asked("--count", lambda: require_count(drive, count))
