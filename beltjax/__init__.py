@@ -25,9 +25,13 @@ from beltjax.analysis.steady import Linear as Linear
 from beltjax.analysis.steady import Perturbation as Perturbation
 from beltjax.analysis.steady import SteadyState as SteadyState
 from beltjax.analysis.steady import steady_state as steady_state
+from beltjax.analysis.sweep import Sweep as Sweep
+from beltjax.analysis.sweep import sweep as sweep
+from beltjax.analysis.tracking import Veering as Veering
 from beltjax.drive.components import Belt as Belt
 from beltjax.drive.components import BeltGiven as BeltGiven
 from beltjax.drive.components import Drive as Drive
+from beltjax.drive.components import ExcitationGiven as ExcitationGiven
 from beltjax.drive.components import OperatingPoint as OperatingPoint
 from beltjax.drive.components import Pulley as Pulley
 from beltjax.drive.components import Tensioner as Tensioner

@@ -1,4 +1,4 @@
-"""The command line: `beltjax analyze DRIVE.toml`, `beltjax optimize STUDY.toml`.
+"""The command line: `beltjax analyze DRIVE.toml`, `beltjax optimize STUDY.toml` and the like.
 
 Exit status: 0; 1 for an invalid file or argument, with nothing written; 2 for a valid question
 whose answer is a failure, with the JSON written and its `success` false.
@@ -21,6 +21,8 @@ _json_option = click.option(
     "--json", "json_path", metavar="FILE", help="Write one JSON object; '-' for standard output."
 )
 
+_figure_option = click.option("--figure", metavar="FILE.png", help="Write a picture.")
+
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="beltjax")
@@ -31,14 +33,16 @@ def cli() -> None:
 @cli.command()
 @click.argument("drive_file", metavar="DRIVE.toml")
 @_json_option
-def analyze(drive_file: str, json_path: str | None) -> None:
-    """Layout, tensions, belt-pulley coupling Gamma, and what moves it."""
-    _check_output(json_path, drive_file)
+@_figure_option
+def analyze(drive_file: str, json_path: str | None, figure: str | None) -> None:
+    """Layout, tensions, belt-pulley coupling Gamma, modes, and what moves Gamma."""
+    _check_outputs(drive_file, json_path, figure)
+    _check_picture(figure)
     _prepare_jax()
     with _busy("analyzing; the first run on a machine compiles"):
         from beltjax.report.jobs import analysis_job
 
-        report = analysis_job(drive_file)
+        report = analysis_job(drive_file, figure)
     _finish(report, json_path)
 
 
@@ -52,17 +56,75 @@ def optimize(
 ) -> None:
     """The design that minimizes an objective under constraints."""
     figure = figure or f"{Path(study_file).stem}_layout.png"
-    for path in (json_path, figure, save_drive):
-        _check_output(path, study_file)
-    if Path(figure).suffix.lower() not in PICTURES:
-        raise click.ClickException(
-            f"{figure}: is no picture; end its name in {', '.join(PICTURES)}"
-        )
+    _check_outputs(study_file, json_path, figure, save_drive)
+    _check_picture(figure)
     _prepare_jax()
     with _progress() as advance:
         from beltjax.report.jobs import study_job
 
         report = study_job(study_file, figure, save_drive, advance)
+    _finish(report, json_path)
+
+
+@cli.command()
+@click.argument("drive_file", metavar="DRIVE.toml")
+@click.option("--over", required=True, metavar="NAME=FROM:TO:POINTS", help="Number and range.")
+@click.option("--count", default=8, show_default=True, help="How many modes.")
+@click.option("--orders", default="2,4", show_default=True, help="Lines over a speed.")
+@_json_option
+@click.option("--netcdf", metavar="FILE.nc", help="Write every row, with units.")
+@_figure_option
+def sweep(
+    drive_file: str,
+    over: str,
+    count: int,
+    orders: str,
+    json_path: str | None,
+    netcdf: str | None,
+    figure: str | None,
+) -> None:
+    """Gamma and natural frequencies over any number of the drive file, each mode followed.
+
+    For example --over "operation.driver_speed=600 rpm:6000 rpm:121"; bare numbers are SI.
+    """
+    _check_outputs(drive_file, json_path, netcdf, figure)
+    _check_picture(figure)
+    _prepare_jax()
+    with _progress() as advance:
+        from beltjax.report.vibration_jobs import sweep_job
+
+        report = sweep_job(drive_file, over, count, orders, netcdf, figure, advance)
+    _finish(report, json_path)
+
+
+@cli.command()
+@click.argument("drive_file", metavar="DRIVE.toml")
+@click.option("--crank", metavar="AMPLITUDE", help="Driver's rotation, zero to peak (rad).")
+@click.option("--torque", multiple=True, metavar="NAME=AMPLITUDE", help="On a pulley (N m).")
+@click.option("--order", type=float, help="Per rotation of the driver; 2 unless the file says.")
+@click.option("--speeds", default="600 rpm:6000 rpm:200", show_default=True, help="Of the driver.")
+@click.option("--modal-damping", type=float, help="Ratio of every mode; 0.02 unless given.")
+@_json_option
+@_figure_option
+def response(
+    drive_file: str,
+    crank: str | None,
+    torque: tuple[str, ...],
+    order: float | None,
+    speeds: str,
+    modal_damping: float | None,
+    json_path: str | None,
+    figure: str | None,
+) -> None:
+    """Forced vibration over the driver's speed, by crank motion or accessory torque."""
+    _check_outputs(drive_file, json_path, figure)
+    _check_picture(figure)
+    _prepare_jax()
+    with _progress() as advance:
+        from beltjax.report.vibration_jobs import Forcing, response_job
+
+        given = Forcing(crank, torque, order, speeds, modal_damping)
+        report = response_job(drive_file, given, figure, advance)
     _finish(report, json_path)
 
 
@@ -101,6 +163,16 @@ def _run() -> None:
 def _quit(message: str, status: int) -> NoReturn:
     click.echo(f"beltjax: {' '.join(message.split())}", err=True)
     sys.exit(status)
+
+
+def _check_outputs(source: str, *paths: str | None) -> None:
+    for path in paths:
+        _check_output(path, source)
+
+
+def _check_picture(path: str | None) -> None:
+    if path is not None and Path(path).suffix.lower() not in PICTURES:
+        raise click.ClickException(f"{path}: is no picture; end its name in {', '.join(PICTURES)}")
 
 
 def _check_output(path: str | None, source: str) -> None:
@@ -166,11 +238,14 @@ def _progress() -> Iterator[Any]:
 
 
 def _finish(report: Any, json_path: str | None) -> None:
-    """Print the tables, write the JSON, and leave with the right status."""
+    """Write the files, print the tables or the JSON, and leave with the right status."""
     from rich.console import Console
 
     from beltjax.report.documents import json_text, write_json
+    from beltjax.writing import write_whole
 
+    for path, content in report.files:
+        write_whole(path, content)
     if json_path == "-":
         click.echo(json_text(report.document))
     else:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool
 
@@ -196,6 +197,16 @@ def frozen_where_failed(state: Value, result: RESULTS) -> Value:
 def explanation(result: RESULTS) -> str:
     """The text of a result: what happened, and what to try."""
     return RESULTS[result]  # pyright: ignore[reportReturnType]
+
+
+def explanations(result: RESULTS) -> tuple[str, ...]:
+    """The text of each of a batch of results; empty where it is a success."""
+    codes = np.asarray(jax.tree.leaves(result)[0])
+    texts = {}
+    for code, place in zip(*np.unique(codes, return_index=True), strict=True):
+        one = jax.tree.map(lambda x, place=place: jnp.asarray(x[place]), result)
+        texts[code] = "" if succeeded(one) else explanation(one)
+    return tuple(texts[code] for code in codes)
 
 
 def succeeded(result: RESULTS) -> Bool[Array, ""]:

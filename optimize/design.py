@@ -12,13 +12,13 @@ from scipy.stats import qmc
 
 from beltjax.analysis.steady import SteadyState, steady_state
 from beltjax.drive.components import Drive
+from beltjax.drive.variables import value_of, with_values
 from beltjax.numerics.compilation import quickly_compiled
 from beltjax.results import RESULTS, succeeded
 
 from .lagrangian import Evaluation, Iterate, first_iterate, outer_step, to_unit
 from .quantities import quantity
 from .study import Limits, Study
-from .variables import value_of, with_values
 
 Advance = Callable[[str, int, int | None], None]
 

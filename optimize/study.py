@@ -13,10 +13,10 @@ from pydantic import Field
 from beltjax.drive.components import Drive, OperatingPoint, as_real
 from beltjax.drive.files import load_drive
 from beltjax.drive.quantities import Table, read_toml, to_si, validated
+from beltjax.drive.variables import unit_of, variable_names
 from beltjax.errors import FileError
 
 from .quantities import MANY, quantity
-from .variables import unit_of, variable_names
 
 SiOrText = float | int | str
 

@@ -37,8 +37,10 @@ def one_line(text):
 
 
 def test_analyze_prints_a_table_and_writes_the_fixed_keys(run, tmp_path):
-    status, out, err = run("analyze", EXAMPLES / "three_pulley.toml", "--json", "out.json")
+    files = "--json", "out.json", "--figure", "modes.png"
+    status, out, err = run("analyze", EXAMPLES / "three_pulley.toml", *files)
     assert (status, err) == (0, "")
+    assert (tmp_path / "modes.png").read_bytes().startswith(b"\x89PNG")
     assert "crankshaft-tensioner" in out
     assert "coupling Gamma" in out
     document = json.loads((tmp_path / "out.json").read_text())
@@ -211,7 +213,7 @@ def test_bad_study_is_one_line_and_writes_nothing(case, run, tmp_path):
 def test_fresh_process_sets_double_precision_and_handles_an_interrupt(tmp_path):
     code = (
         "import beltjax.cli, beltjax.report.jobs as jobs, sys\n"
-        "def stop(path): raise KeyboardInterrupt\n"
+        "def stop(path, figure): raise KeyboardInterrupt\n"
         "jobs.analysis_job = stop\n"
         "sys.argv = ['beltjax', 'analyze', 'x.toml', '--json', 'out.json']\n"
         "beltjax.cli.main()"

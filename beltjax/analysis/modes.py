@@ -67,12 +67,13 @@ class Modes(eqx.Module):
         """'rotational', 'span 0', 'spans' or 'coupled', by the shares of kinetic energy."""
         rigid = jnp.sum(self.pulley_shares, axis=1) + self.arm_shares
         return tuple(
-            _label(float(share), spans)
+            mode_label(float(share), spans)
             for share, spans in zip(rigid, self.span_shares.tolist(), strict=True)
         )
 
 
-def _label(rigid: float, spans: list[float]) -> str:
+def mode_label(rigid: float, spans: list[float]) -> str:
+    """What moves most, by the shares of kinetic energy of pulleys and arm, and of the spans."""
     if rigid > _MOSTLY:
         return "rotational"
     largest = max(range(len(spans)), key=lambda i: spans[i])

@@ -12,8 +12,8 @@ from beltjax.analysis.modes import Modes, modes_with_slopes
 from beltjax.analysis.steady import SteadyState, steady_state
 from beltjax.drive.components import Drive, OperatingPoint
 
-# Choices kept as numbers for the compiler's sake, not numbers of the drive.
-_FLAGS = ("name", "face", "driver", "on_arm", "travel", "torque")
+# Choices kept as numbers for the compiler's sake, and tables of their own.
+_FLAGS = ("name", "face", "driver", "on_arm", "travel", "torque", "excitation")
 
 Gradient = tuple[Drive, OperatingPoint]
 

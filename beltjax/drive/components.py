@@ -240,11 +240,26 @@ class Drive(eqx.Module):
         return self.carried @ self.centers - self.tensioner.pivot
 
 
+class ExcitationGiven(eqx.Module):
+    """What shakes the drive, by the drive file: the default of `beltjax response`.
+
+    Amplitudes are zero to peak, at `order` times the driver's speed.
+    """
+
+    crank: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)  # [rad]
+    order: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)
+    torque: dict[str, Float[Array, ""]] = eqx.field(
+        converter=lambda torque: {name: as_real(value) for name, value in torque.items()},
+        default_factory=dict,
+    )  # [N m], by name of pulley, in the direction of belt travel
+
+
 class OperatingPoint(eqx.Module):
     """How the drive runs: its speed, and the torque each accessory takes from the belt.
 
     Give `belt_speed`, or `driver_speed` from which it follows. `mass_flow` replaces the
-    belt's mass per length in contact mechanics. The driver balances the torques.
+    belt's mass per length in contact mechanics. The driver balances the torques. `excitation`
+    concerns forced vibration alone.
     """
 
     belt_speed: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)  # [m/s]
@@ -257,6 +272,7 @@ class OperatingPoint(eqx.Module):
         default_factory=dict,
     )  # [N m], by name of pulley
     travel: Float[Array, ""] = eqx.field(converter=as_travel, default="listed")
+    excitation: ExcitationGiven | None = None
 
     def __check_init__(self):
         if (self.belt_speed is None) == (self.driver_speed is None):

@@ -16,6 +16,7 @@ from beltjax.drive.components import (
     Belt,
     BeltGiven,
     Drive,
+    ExcitationGiven,
     OperatingPoint,
     Pulley,
     Tensioner,
@@ -94,6 +95,14 @@ class OperationTable(Table):
     torque: Annotated[dict[str, NewtonMeter], Field(default_factory=dict)]
 
 
+class ExcitationTable(Table):
+    """[excitation]."""
+
+    crank: Annotated[Radian, NotNegative] | None = None
+    order: Annotated[Number, Positive] | None = None
+    torque: Annotated[dict[str, Annotated[NewtonMeter, NotNegative]], Field(default_factory=dict)]
+
+
 class DriveTable(Table):
     """A drive file."""
 
@@ -105,6 +114,7 @@ class DriveTable(Table):
     tensioner: TensionerTable | None = None
     installation: InstallationTable
     operation: OperationTable
+    excitation: ExcitationTable | None = None
 
 
 def load_drive(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint]:
@@ -135,7 +145,7 @@ def save_drive(path: str | os.PathLike[str], drive: Drive, point: OperatingPoint
 
 def drive_content(drive: Drive, point: OperatingPoint) -> dict[str, Any]:
     """A drive file as nested dictionaries of plain numbers, absent keys left out."""
-    rule, arm = drive.installation, drive.tensioner
+    rule, arm, shaken = drive.installation, drive.tensioner, point.excitation
     carried = [pulley.name for pulley in drive.pulleys if float(pulley.on_arm)]
     content = {
         "schema": 1,
@@ -145,11 +155,14 @@ def drive_content(drive: Drive, point: OperatingPoint) -> dict[str, Any]:
         "pulley": [_pulley_content(pulley) for pulley in drive.pulleys],
         "tensioner": None if arm is None else {"pulley": carried[0]} | _numbers(arm),
         "installation": _numbers(rule),
-        "operation": _numbers(point, skip=("torque", "travel"))
+        "operation": _numbers(point, skip=("torque", "travel", "excitation"))
         | {
             "travel": _word(TRAVELS, point.travel),
-            "torque": {name: float(value) for name, value in point.torque.items()},
+            "torque": _by_name(point.torque),
         },
+        "excitation": None
+        if shaken is None
+        else _numbers(shaken, skip=("torque",)) | {"torque": _by_name(shaken.torque)},
     }
     return {key: value for key, value in content.items() if value is not None}
 
@@ -164,6 +177,10 @@ def _numbers(part: Any, skip: tuple[str, ...] = ()) -> dict[str, Any]:
     """Fields of a pytree as plain numbers or lists of them; absent ones are left out."""
     fields = {key: value for key, value in vars(part).items() if key not in skip}
     return {key: np.asarray(value).tolist() for key, value in fields.items() if value is not None}
+
+
+def _by_name(numbers: dict[str, jax.Array]) -> dict[str, float]:
+    return {name: float(value) for name, value in numbers.items()}
 
 
 def _word(words: dict[str, float], sign: jax.Array) -> str:
@@ -192,7 +209,8 @@ def _drive(file: DriveTable, sense: str) -> Drive:
 
 
 def _operating_point(file: DriveTable) -> OperatingPoint:
-    return OperatingPoint(**file.operation.model_dump())
+    shaken = file.excitation and ExcitationGiven(**file.excitation.model_dump())
+    return OperatingPoint(**file.operation.model_dump(), excitation=shaken)
 
 
 def _require_names(file: DriveTable, path: object) -> None:
@@ -229,6 +247,11 @@ def _require_torques(file: DriveTable, names: list[str], driver: str, path: obje
             raise FileError(path, key, "the driver balances the other torques; remove this one")
         if value and name == carried:
             raise FileError(path, key, "the tensioner's pulley is an idler; remove this torque")
+    for name in file.excitation.torque if file.excitation else ():
+        key = f"excitation.torque.{name}"
+        _require_known(name, names, path, key)
+        if name == driver:
+            raise FileError(path, key, "the driver's motion is given; use excitation.crank")
 
 
 def _require_known(name: str, names: list[str], path: object, key: str) -> None:

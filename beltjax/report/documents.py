@@ -39,18 +39,18 @@ def analysis_document(drive: Drive, found: Sensitivities) -> dict[str, Any]:
 
 def _layout(drive: Drive, steady: SteadyState) -> dict[str, Any]:
     at = steady.reference.layout
-    lengths = _plain(at.span_lengths)
+    lengths = plain(at.span_lengths)
     spans = [
         {"name": name, "length": length}
         for name, length in zip(drive.span_names, lengths, strict=True)
     ]
     return {
         "spans": spans,
-        "wraps_deg": _plain(np.degrees(at.wraps)),
-        "path_length": _plain(at.path_length),
+        "wraps_deg": plain(np.degrees(at.wraps)),
+        "path_length": plain(at.path_length),
         "alignment_angles_deg": None
         if drive.tensioner is None
-        else _plain(np.degrees(at.alignment)),
+        else plain(np.degrees(at.alignment)),
     }
 
 
@@ -58,49 +58,54 @@ def _reference(drive: Drive, steady: SteadyState, rested: bool) -> dict[str, Any
     reference = steady.reference
     effective = rested and drive.tensioner is not None
     return {
-        "tensions": _plain(reference.tensions),
-        "unstretched_length": _plain(reference.unstretched_length),
-        "arm_angle": _plain(reference.arm_angle),
-        "free_angle": _plain(reference.free_angle),
-        "tensioner_effectiveness": _plain(steady.effectiveness) if effective else None,
+        "tensions": plain(reference.tensions),
+        "unstretched_length": plain(reference.unstretched_length),
+        "arm_angle": plain(reference.arm_angle),
+        "free_angle": plain(reference.free_angle),
+        "tensioner_effectiveness": plain(steady.effectiveness) if effective else None,
     }
 
 
 def _groups(steady: SteadyState) -> dict[str, Any]:
     groups, scales = steady.groups, steady.scales
     return {
-        "bending": _plain(groups.bending),
-        "speed": _plain(groups.speed),
-        "stretch": _plain(groups.stretch),
-        "spring": None if steady.reference.arm_angle is None else _plain(groups.spring),
-        "tensions": _plain(groups.tensions),
-        "length": _plain(scales.length),
-        "time": _plain(scales.time),
+        "bending": plain(groups.bending),
+        "speed": plain(groups.speed),
+        "stretch": plain(groups.stretch),
+        "spring": None if steady.reference.arm_angle is None else plain(groups.spring),
+        "tensions": plain(groups.tensions),
+        "length": plain(scales.length),
+        "time": plain(scales.time),
     }
 
 
 def _steady(steady: SteadyState) -> dict[str, Any]:
     return {
-        "tension_change": _plain(steady.tension_change),
-        "arm_rotation": _plain(steady.arm_rotation),
-        "coupling": _plain(steady.coupling),
-        "coupling_total": _plain(np.sum(steady.coupling)),
+        "tension_change": plain(steady.tension_change),
+        "arm_rotation": plain(steady.arm_rotation),
+        "coupling": plain(steady.coupling),
+        "coupling_total": plain(np.sum(steady.coupling)),
     }
 
 
 def _modes(drive: Drive, modes: Modes) -> dict[str, Any]:
     return {
-        "dimensionless": _plain(modes.dimensionless),
-        "hertz": _plain(np.asarray(modes.frequencies) / (2 * np.pi)),
+        "dimensionless": plain(modes.dimensionless),
+        "hertz": plain(np.asarray(modes.frequencies) / (2 * np.pi)),
         "labels": list(mode_labels(drive, modes)),
-        "error": _plain(modes.error),
+        "error": plain(modes.error),
     }
 
 
 def mode_labels(drive: Drive, modes: Modes) -> tuple[str, ...]:
     """The modes' labels with the spans' names in them."""
+    return tuple(span_label(drive, label) for label in modes.labels)
+
+
+def span_label(drive: Drive, label: str) -> str:
+    """A mode's label with the span's name in place of its number."""
     names = {f"span {i}": f"span {name}" for i, name in enumerate(drive.span_names)}
-    return tuple(names.get(label, label) for label in modes.labels)
+    return names.get(label, label)
 
 
 def _sensitivities(found: Sensitivities) -> dict[str, Any]:
@@ -113,7 +118,7 @@ def _sensitivities(found: Sensitivities) -> dict[str, Any]:
 
 def plain_numbers(drive: Drive, point: OperatingPoint) -> dict[str, Any]:
     """The numbers of a drive, or of a gradient of one, by their keys in the file."""
-    return {name: _plain(value) for name, value in named_numbers(drive, point).items()}
+    return {name: plain(value) for name, value in named_numbers(drive, point).items()}
 
 
 def design_document(design: Any) -> dict[str, Any]:
@@ -135,14 +140,14 @@ def _constraint(constraint: Any) -> dict[str, Any]:
     return {key: getattr(constraint, key) for key in keys}
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """An array as a number or nested lists; what is not finite becomes None."""
     if value is None:
         return None
-    plain = np.asarray(value).tolist()
-    if isinstance(plain, list):
-        return [_plain(item) for item in plain]
-    return plain if math.isfinite(plain) else None
+    number = np.asarray(value).tolist()
+    if isinstance(number, list):
+        return [plain(item) for item in number]
+    return number if math.isfinite(number) else None
 
 
 def write_json(document: dict[str, Any], path: str | os.PathLike[str]) -> None:

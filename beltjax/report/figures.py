@@ -3,17 +3,21 @@
 import io
 import os
 
+import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from beltjax.drive.components import Drive
-from beltjax.drive.layout import Layout
+from beltjax.analysis.modes import Modes
+from beltjax.drive.components import Drive, OperatingPoint
+from beltjax.drive.layout import Layout, turned
+from beltjax.report.documents import mode_labels
 from beltjax.writing import write_whole
 
 # Okabe and Ito's palette, which people with any color vision can tell apart.
 BEFORE, AFTER, ARM = "#999999", "#0072B2", "#D55E00"
+_REACH = 0.08  # of a mode's largest movement, in sizes of the drive
 
 
 def belt_path(drive: Drive, at: Layout) -> np.ndarray:
@@ -32,8 +36,16 @@ def belt_path(drive: Drive, at: Layout) -> np.ndarray:
     return np.concatenate([*pieces, starts[:1]])
 
 
-def draw_layout(axes: Axes, drive: Drive, at: Layout, color: str, label: str, style: str) -> None:
-    """Pulleys, arm and belt of one layout, in millimeters."""
+def draw_layout(
+    axes: Axes,
+    drive: Drive,
+    at: Layout,
+    color: str,
+    label: str,
+    style: str,
+    width: float = 2.2,
+) -> None:
+    """Pulleys, arm and belt of one layout, in millimeters; the belt `width` points wide."""
     for pulley, center in zip(drive.pulleys, np.asarray(at.centers), strict=True):
         circle = np.linspace(0, 2 * np.pi, 181)
         x, y = center[:, None] + float(pulley.radius) * np.stack([np.cos(circle), np.sin(circle)])
@@ -42,10 +54,10 @@ def draw_layout(axes: Axes, drive: Drive, at: Layout, color: str, label: str, st
         pivot = np.asarray(drive.tensioner.pivot)
         tip = np.asarray(drive.carried @ at.centers)
         line = 1e3 * np.stack([pivot, tip])
-        shade = ARM if style == "-" else color
+        shade = ARM if style == "-" and color != BEFORE else color
         axes.plot(line[:, 0], line[:, 1], style, color=shade, marker="o", markersize=4)
     path = 1e3 * belt_path(drive, at)
-    axes.plot(path[:, 0], path[:, 1], style, color=color, linewidth=2.2, label=label)
+    axes.plot(path[:, 0], path[:, 1], style, color=color, linewidth=width, label=label)
 
 
 def before_and_after(
@@ -79,9 +91,76 @@ def before_and_after(
     return figure
 
 
-def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
-    """Write a picture in one move: the file is complete or absent."""
+def mode_shapes(drive: Drive, point: OperatingPoint, modes: Modes, shown: int = 6) -> Figure:
+    """The first modes on the layout: spans deflected along their normals, pulleys turned, arm.
+
+    All parts of a mode are drawn to one scale, a span's deflection beside a rim's travel, at the
+    moment when the part with the largest kinetic energy is farthest out. Thin lines: at rest.
+    """
+    count = min(shown, len(modes.frequencies))
+    rows = -(-count // 2)
+    labels = mode_labels(drive, modes)
+    wide, high = np.ptp(belt_path(drive, modes.linearization.steady.reference.layout), axis=0)
+    figure = Figure(figsize=(12.0, rows * (1.0 + 5.5 * high / wide)), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(rows, 2, squeeze=False).ravel()
+    for axes in panels[count:]:
+        axes.set_axis_off()
+    for k, axes in enumerate(panels[:count]):
+        _draw_mode(axes, drive, float(point.travel), modes, k)
+        hertz = float(modes.frequencies[k]) / (2 * np.pi)
+        axes.set_title(f"{k + 1}: {hertz:.1f} Hz, {labels[k]}", fontsize=10, parse_math=False)
+    figure.suptitle(drive.name, fontsize=11, parse_math=False)
+    return figure
+
+
+def _draw_mode(axes: Axes, drive: Drive, travel: float, modes: Modes, k: int) -> None:
+    at = modes.linearization.steady.reference.layout
+    x = np.linspace(0.0, 1.0, 81)
+    spans = [np.real(modes.deflection(k, i, jnp.asarray(x))) for i in range(len(drive.pulleys))]
+    radii, centers = np.asarray(drive.radii), np.asarray(at.centers)
+    # Rotations are in the direction of travel: counterclockwise inside a counterclockwise loop.
+    turn = travel * np.asarray(drive.faces * drive.sense)
+    rotations = turn * np.real(modes.rotations[k])
+    arm = float(np.real(modes.arm_rotations[k]))
+    reach = [np.max(np.abs(spans)), np.max(np.abs(radii * rotations))]
+    if drive.tensioner is not None:
+        reach.append(abs(arm) * float(at.arm_length))
+    scale = _REACH * float(np.ptp(np.asarray(at.starts), axis=0).max()) / max(reach)
+    draw_layout(axes, drive, at, color=BEFORE, label="", style="-", width=0.8)
+    for start, end, normal, w in zip(
+        *(np.asarray(part) for part in (at.starts, at.ends, at.normals)), spans, strict=True
+    ):
+        line = start + x[:, None] * (end - start) + scale * w[:, None] * normal
+        axes.plot(*(1e3 * line.T), color=AFTER, linewidth=1.8)
+    for center, radius, angle in zip(centers, radii, scale * rotations, strict=True):
+        _draw_turn(axes, center, float(radius), float(angle))
+    if drive.tensioner is not None:
+        pivot = np.asarray(drive.tensioner.pivot)
+        tip = np.asarray(turned(drive.carried @ at.centers - pivot, jnp.asarray(scale * arm)))
+        line = 1e3 * np.stack([pivot, pivot + tip])
+        axes.plot(*line.T, color=ARM, marker="o", markersize=4)
+    axes.set_aspect("equal")
+    axes.set_axis_off()
+
+
+def _draw_turn(axes: Axes, center: np.ndarray, radius: float, angle: float) -> None:
+    """A spoke that stands upright at rest, turned, and the arc that its end has run through."""
+    angles = np.pi / 2 + np.linspace(0.0, angle, 40)
+    arc = center + 0.9 * radius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    axes.plot(*(1e3 * np.stack([center, arc[0]]).T), color=BEFORE, linewidth=0.8)
+    axes.plot(*(1e3 * np.stack([center, arc[-1]]).T), color=AFTER, linewidth=1.4)
+    axes.plot(*(1e3 * arc.T), color=AFTER, linewidth=1.0)
+
+
+def picture_bytes(figure: Figure, path: str | os.PathLike[str]) -> bytes:
+    """A picture as the file of that name would hold it; the name's ending says which kind."""
     content = io.BytesIO()
     kind = os.path.splitext(os.fspath(path))[1].lstrip(".") or "png"
     figure.savefig(content, format=kind, dpi=150, bbox_inches="tight")
-    write_whole(path, content.getvalue())
+    return content.getvalue()
+
+
+def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
+    """Write a picture in one move: the file is complete or absent."""
+    write_whole(path, picture_bytes(figure, path))

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import jax
 from rich.console import RenderableType
 
+from beltjax.analysis.linearization import has_inertias
 from beltjax.analysis.sensitivity import sensitivities
 from beltjax.drive.files import load_drive, save_drive
 from beltjax.errors import FileError
@@ -28,11 +29,17 @@ class Report(NamedTuple):
     document: dict[str, Any]  # the JSON
     tables: RenderableType
     failure: str  # one line; empty where all went well
+    files: tuple[tuple[str, bytes], ...] = ()  # paths and contents, to be written at the end
 
 
-def analysis_job(path: str | os.PathLike[str]) -> Report:
-    """Analyze one drive file. Raises `FileError` where the file describes no possible drive."""
+def analysis_job(path: str | os.PathLike[str], figure: str | None = None) -> Report:
+    """Analyze one drive file, and draw its modes if asked.
+
+    Raises `FileError` where the file describes no possible drive.
+    """
     drive, point = load_drive(path)
+    if figure and not has_inertias(drive):
+        raise FileError(path, "inertia", "is missing; modes to draw need the inertia of every part")
     found = jax.device_get(quickly_compiled(sensitivities)(drive, point, MODES, BASIS))
     why = diagnose(drive, point, found.steady)
     if why and why.impossible:
@@ -40,7 +47,12 @@ def analysis_job(path: str | os.PathLike[str]) -> Report:
     failure = str(FileError(path, why.key, why.message)) if why else ""
     document = analysis_document(drive, found) | {"success": not failure}
     tables = analysis_tables(document, plain_numbers(drive, point))
-    return Report(document, tables, failure)
+    files: tuple[tuple[str, bytes], ...] = ()
+    if figure and found.modes and not failure:
+        figures = importlib.import_module("beltjax.report.figures")  # slow to load
+        picture = figures.mode_shapes(drive, point, found.modes)
+        files = ((figure, figures.picture_bytes(picture, figure)),)
+    return Report(document, tables, failure, files)
 
 
 def study_job(

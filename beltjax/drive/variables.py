@@ -13,7 +13,7 @@ from beltjax.drive.layout import turned
 ANGLE, ARM_LENGTH = "tensioner.angle", "tensioner.arm_length"
 _CENTER = {"x": 0, "y": 1}
 
-# SI unit of each variable, by the last word of its name.
+# SI unit of each number, by the last word of its name.
 _UNITS = {
     "radius": "m",
     "x": "m",
@@ -27,6 +27,13 @@ _UNITS = {
     "axial_stiffness": "N",
     "bending_stiffness": "N m^2",
     "mass_per_length": "kg/m",
+    "thickness": "m",
+    "inertia": "kg m^2",
+    "friction": "",
+    "rim_radius": "m",
+    "damping": "N m s/rad",
+    "belt_speed": "m/s",
+    "driver_speed": "rad/s",
 }
 
 
@@ -47,7 +54,7 @@ def variable_names(drive: Drive) -> list[str]:
 
 
 def unit_of(name: str) -> str:
-    """SI unit of a design variable."""
+    """SI unit of a design variable, or of another number of a drive file but a torque."""
     return _UNITS[name.rsplit(".", 1)[1]]
 
 

@@ -1,0 +1,260 @@
+"""Sweeps: steady states and modes over the values of one number, each mode followed."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float
+
+from beltjax.analysis.linearization import linearize
+from beltjax.analysis.modes import mode_label, modes
+from beltjax.analysis.steady import steady_state
+from beltjax.analysis.tracking import Shapes, Veering, linked, tracks, veerings
+from beltjax.drive.components import Drive, OperatingPoint
+from beltjax.drive.numbers import require_number, unit_of_number, with_number
+from beltjax.numerics.bases import AbstractBasis, Legendre
+from beltjax.numerics.compilation import quickly_compiled
+from beltjax.results import RESULTS, explanations, succeeded
+
+if TYPE_CHECKING:
+    import xarray
+
+BASIS = Legendre(24)
+CHUNK = 16  # points solved at once; every call has this many, so that one compiles
+_SPARE = 4  # modes looked at above those asked for, so that one may leave without a false match
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Sweep:
+    """Steady states and modes over the values of one number, all arrays NumPy's.
+
+    A column of [points, modes] is one mode, recognized by its shape from point to point: first
+    the `count` lowest at the first value, then those that come among the `count` lowest later.
+    nan where a mode is not among those looked at, and at points that failed.
+    """
+
+    name: str  # of the swept number, by its key in the drive file
+    unit: str  # SI; empty for a pure number
+    values: Float[np.ndarray, " points"]  # [SI], with those inserted where shapes change fast
+    frequencies: Float[np.ndarray, "points modes"]  # [rad/s]
+    dimensionless: Float[np.ndarray, "points modes"]
+    coupling: Float[np.ndarray, "points spans"]  # Gamma_i
+    mac: Float[np.ndarray, "points-1 modes"]  # agreement of shapes with the last good point, to 1
+    labels: tuple[str, ...]  # what moves most in each mode, where it first appears
+    veerings: tuple[Veering, ...]
+    error: Float[np.ndarray, "points modes"]  # relative, of the frequencies, estimated
+    span_names: tuple[str, ...]
+    result: RESULTS  # of every point
+
+    @property
+    def good(self) -> np.ndarray:
+        """Whether each point succeeded [points]."""
+        return np.asarray(succeeded(self.result))
+
+    @property
+    def outcomes(self) -> tuple[str, ...]:
+        """Why each point failed; empty where it did not."""
+        return explanations(self.result)
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """The sweep with named axes, units in the attributes; modes are counted from 1."""
+        import xarray  # brings in pandas, which takes as long to load as JAX
+
+        modes = np.arange(1, self.frequencies.shape[1] + 1)
+        outcome = np.array([text or "found" for text in self.outcomes])
+        pairs = np.array([veering.modes for veering in self.veerings], int).reshape(-1, 2) + 1
+        at = np.array([veering.value for veering in self.veerings])
+        gaps = np.array([veering.gap for veering in self.veerings])
+        axes = ("value", "mode")
+        named = {"long_name": self.name, "units": self.unit or "1"}
+        return xarray.Dataset(
+            {
+                "frequency": (axes, self.frequencies, {"units": "rad/s"}),
+                "dimensionless": (axes, self.dimensionless, {"units": "1"}),
+                "error": (axes, self.error, {"units": "1", "long_name": "relative error"}),
+                "mac": (("interval", "mode"), self.mac, {"units": "1"}),
+                "coupling": (("value", "span"), self.coupling, {"units": "1"}),
+                "outcome": ("value", outcome),
+                "veering_value": ("veering", at, named),
+                "veering_modes": (("veering", "pair"), pairs),
+                "veering_gap": ("veering", gaps, {"units": "rad/s"}),
+            },
+            coords={
+                "value": ("value", self.values, named),
+                "mode": ("mode", modes),
+                "span": ("span", list(self.span_names)),
+                "label": ("mode", list(self.labels)),
+            },
+            attrs={"over": self.name},
+        )
+
+
+class Sample(NamedTuple):
+    """What a sweep keeps of one point, or of many along a leading axis."""
+
+    frequencies: Float[Array, "*points window"]  # [rad/s]
+    dimensionless: Float[Array, "*points window"]
+    coordinates: Complex[Array, "*points window size"]
+    mass: Float[Array, "*points size size"]
+    stiffness: Float[Array, "*points size size"]
+    coupling: Float[Array, "*points spans"]
+    span_shares: Float[Array, "*points window spans"]
+    rigid_shares: Float[Array, "*points window"]
+    error: Float[Array, "*points window"]
+    result: RESULTS
+
+
+def sweep(
+    drive: Drive,
+    point: OperatingPoint,
+    name: str,
+    values: Sequence[float] | Array | np.ndarray,
+    *,
+    count: int = 8,
+    basis: AbstractBasis | None = None,
+    limit: float = 0.9,
+    depth: int = 8,
+    advance: Callable[[str, int, int | None], None] | None = None,
+) -> Sweep:
+    """Steady state and the `count` lowest modes over increasing `values` [SI] of one number.
+
+    `name` is the number's key in the drive file: "operation.belt_speed", "pulley.NAME.center.x",
+    "operation.torque.NAME"; "tensioner.angle" turns the tensioner about its pulley's center,
+    from 0 as drawn. `basis` is `Legendre(24)` unless given. Between neighboring values modes
+    are matched one to one by shape. Where a match falls below `limit` values are inserted
+    halfway, up to `depth` times, so that veerings are followed rather than jumped over.
+
+    `advance(stage, done, total)` is told of every chunk of points. Not for tracing: the grid
+    depends on what is found. Never raises for numbers, see `.result`; a layout is checked for its
+    path, not for pulleys that overlap. Raises `ValueError` for a name that is not there, values
+    that are fewer than two, not finite or not increasing, and a count the basis has no room for.
+    """
+    require_number(drive, name)
+    grid = _required_grid(values)
+    basis = BASIS if basis is None else basis
+    window = min(count + _SPARE, require_count(drive, count, basis))
+    if not 0 < limit < 1 or depth < 0:
+        raise ValueError(f"limit, depth: found {limit}, {depth}; give 0 < limit < 1, depth >= 0.")
+    advance = advance or (lambda stage, done, total: None)
+    evaluate = _Evaluation(drive, point, name, window, basis, advance)
+    found = evaluate("sweeping", grid)
+    links, shapes = linked(_shapes(found), count)
+    for level in range(depth):
+        jumps = np.flatnonzero(links.weakest < limit)
+        if not len(jumps):
+            break
+        middles = (grid[jumps] + grid[jumps + 1]) / 2
+        added = evaluate(f"following veerings, step {level + 1}", middles)
+        order = np.argsort(np.concatenate([grid, middles]), kind="stable")
+        grid = np.concatenate([grid, middles])[order]
+        found = jax.tree.map(lambda a, b, order=order: np.concatenate([a, b])[order], found, added)
+        links, shapes = linked(_shapes(found), count)
+    places = tracks(links, count)
+    frequencies = _picked(found.frequencies, places)
+    return Sweep(
+        name=name,
+        unit=unit_of_number(name),
+        values=grid,
+        frequencies=frequencies,
+        dimensionless=_picked(found.dimensionless, places),
+        coupling=np.where(_good(found)[:, None], found.coupling, np.nan),
+        mac=_picked(links.mac, places)[1:],
+        labels=_labels(found, places),
+        veerings=veerings(grid, frequencies, places, shapes, ~(links.weakest < limit)),
+        error=_picked(found.error, places),
+        span_names=drive.span_names,
+        result=found.result,
+    )
+
+
+def _required_grid(values: Any) -> Float[np.ndarray, " points"]:
+    grid = np.asarray(values, dtype=float)
+    if grid.ndim != 1 or len(grid) < 2:
+        raise ValueError(f"values: found shape {grid.shape}; give a list of at least 2.")
+    if not np.all(np.isfinite(grid)) or not np.all(np.diff(grid) > 0):
+        raise ValueError("values: must be finite and increasing.")
+    return grid
+
+
+def require_count(drive: Drive, count: int, basis: AbstractBasis = BASIS) -> int:
+    """Number of modes there are; raises `ValueError` unless `count` is between 1 and it."""
+    size = len(drive.pulleys) * (basis.size + 1) - 1 + (drive.tensioner is not None)
+    if not 1 <= count <= size:
+        raise ValueError(f"count: found {count}; give 1 to {size}, or a larger basis.")
+    return size
+
+
+class _Evaluation(NamedTuple):
+    """Solves the points of one sweep, chunk by chunk."""
+
+    drive: Drive
+    point: OperatingPoint
+    name: str
+    window: int
+    basis: AbstractBasis
+    advance: Callable[[str, int, int | None], None]
+
+    def __call__(self, stage: str, values: np.ndarray) -> Sample:
+        run = quickly_compiled(_samples)
+        parts = []
+        for start in range(0, len(values), CHUNK):
+            self.advance(stage, start, len(values))
+            chunk = values[start : start + CHUNK]
+            # The last one is filled up with its own last value.
+            full = np.append(chunk, np.full(CHUNK - len(chunk), chunk[-1]))
+            numbers = self.drive, self.point, self.name, jnp.asarray(full)
+            part = jax.device_get(run(*numbers, self.window, self.basis))
+            parts.append(jax.tree.map(lambda x, chunk=chunk: x[: len(chunk)], part))
+        self.advance(stage, len(values), len(values))
+        return jax.tree.map(lambda *x: np.concatenate(x), *parts)
+
+
+def _samples(drive, point, name: str, values, window: int, basis) -> Sample:
+    def at(value):
+        steady = steady_state(*with_number(drive, point, name, value), throw=False)
+        lin = linearize(steady, basis)
+        found = modes(lin, window, route="hermitian")
+        return Sample(
+            frequencies=found.frequencies,
+            dimensionless=found.dimensionless,
+            coordinates=found.coordinates,
+            mass=lin.mass,
+            stiffness=lin.stiffness,
+            coupling=steady.coupling,
+            span_shares=found.span_shares,
+            rigid_shares=jnp.sum(found.pulley_shares, axis=1) + found.arm_shares,
+            error=found.error,
+            result=found.result,
+        )
+
+    return eqx.filter_vmap(at)(values)
+
+
+def _good(found: Sample) -> np.ndarray:
+    return np.asarray(succeeded(found.result))
+
+
+def _shapes(found: Sample) -> list[Shapes | None]:
+    parts = (found.dimensionless, found.coordinates, found.mass, found.stiffness)
+    rows = zip(*(np.asarray(part) for part in parts), strict=True)
+    return [Shapes(*row) if good else None for good, row in zip(_good(found), rows, strict=True)]
+
+
+def _picked(table: Any, places: np.ndarray) -> np.ndarray:
+    """Columns of a table [points, window] by mode; nan where a mode is absent."""
+    picked = np.take_along_axis(np.asarray(table), np.maximum(places, 0), axis=1)
+    return np.where(places >= 0, picked, np.nan)
+
+
+def _labels(found: Sample, places: np.ndarray) -> tuple[str, ...]:
+    labels = []
+    for mode, column in enumerate(places.T):
+        first = int(np.argmax(column >= 0))
+        place = places[first, mode]
+        rigid = float(found.rigid_shares[first, place])
+        labels.append(mode_label(rigid, np.asarray(found.span_shares)[first, place].tolist()))
+    return tuple(labels)

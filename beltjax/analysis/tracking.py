@@ -1,0 +1,201 @@
+"""Which mode is which along a sweep: matched by shape, one to one, on the host."""
+
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Complex, Float, Int
+from scipy.optimize import linear_sum_assignment
+
+# Below this agreement of shapes a mode has left the window, or appeared in it.
+LOST = 0.25
+# Relative gap below which two modes have no shapes of their own: a repeated frequency.
+_REPEATED = 1e-7
+# A veering is looked at from where the gap has doubled: there two modes that exchange their
+# shapes have turned by 60 deg of the whole 90.
+_OPEN = 2.0
+_EXCHANGED = 0.5
+
+
+class Shapes(NamedTuple):
+    """Modes at one point of a sweep, lowest frequency first, with the matrices they belong to."""
+
+    omega: Float[np.ndarray, " window"]  # dimensionless
+    vectors: Complex[np.ndarray, "window size"]
+    mass: Float[np.ndarray, "size size"]
+    stiffness: Float[np.ndarray, "size size"]
+
+
+class Links(NamedTuple):
+    """The modes of a sweep's points, given one name each. -1 and nan at points that failed."""
+
+    names: Int[np.ndarray, "points window"]  # of the mode at each place in the window
+    mac: Float[np.ndarray, "points window"]  # with the last good point; 0: newly in the window
+    weakest: Float[np.ndarray, " points-1"]  # least agreement of the lowest modes; nan: a failure
+
+
+class Veering(NamedTuple):
+    """Two modes that come close, turn away from each other and exchange their shapes."""
+
+    value: float  # of the swept number, where they are closest
+    modes: tuple[int, int]  # places in `Sweep.frequencies`, the lower one first
+    gap: float  # smallest difference of their frequencies [rad/s]
+    resolved: bool  # whether the grid there follows the shapes; else the gap is an upper bound
+
+
+def overlaps(a: Shapes, b: Shapes) -> Complex[np.ndarray, "window window"]:
+    """Products of the modes of two points in energy, each mode of energy 1.
+
+    v_a* M v_b alone is not zero between two modes of one gyroscopic system; their states
+    (omega v, v) are orthogonal in M and K together, omega_a omega_b v_a* M v_b + v_a* K v_b. Both
+    points' matrices enter by their mean, so that the square of a product never exceeds 1.
+    """
+    M, K = (a.mass + b.mass) / 2, (a.stiffness + b.stiffness) / 2
+
+    def product(left: Shapes, right: Shapes) -> np.ndarray:
+        speeds = np.outer(left.omega, right.omega)
+        moving = left.vectors.conj() @ M @ right.vectors.T
+        return speeds * moving + left.vectors.conj() @ K @ right.vectors.T
+
+    def size(one: Shapes) -> np.ndarray:
+        v = one.vectors
+        moving = np.einsum("ka,ka->k", v.conj(), v @ M).real
+        return one.omega**2 * moving + np.einsum("ka,ka->k", v.conj(), v @ K).real
+
+    return product(a, b) / np.sqrt(np.outer(size(a), size(b)))
+
+
+def agreement(a: Shapes, b: Shapes) -> Float[np.ndarray, "window window"]:
+    """Modal assurance criterion of every mode of `a` with every mode of `b`, 0 to 1."""
+    return np.abs(overlaps(a, b)) ** 2
+
+
+def aligned(before: Shapes, here: Shapes) -> Shapes:
+    """`here`, with the shapes of a repeated frequency turned to what they were `before`.
+
+    Where frequencies cross exactly on a point, its shapes there are any mixture.
+    """
+    starts = np.flatnonzero(np.diff(here.omega, prepend=-np.inf) > _REPEATED * here.omega)
+    vectors = here.vectors.copy()
+    for group in np.split(np.arange(len(here.omega)), starts[1:]):
+        if len(group) > 1:
+            products = overlaps(before, here)[:, group]
+            rows = np.sort(np.argsort(-np.sum(np.abs(products) ** 2, axis=1))[: len(group)])
+            # The unitary mixture that comes nearest to the shapes before.
+            left, _, right = np.linalg.svd(products[rows])
+            vectors[group] = (left @ right).conj() @ vectors[group]
+    return here._replace(vectors=vectors)
+
+
+def linked(shapes: list[Shapes | None], count: int) -> tuple[Links, list[Shapes | None]]:
+    """Names for the modes along a sweep, by one-to-one assignment between neighbors.
+
+    `shapes` holds None for points that failed; a match bridges them. Returned with the shapes as
+    they were matched. Modes are named by their place at the first good point, later ones by the
+    next free number.
+    """
+    shapes = list(shapes)
+    window = max((len(one.omega) for one in shapes if one is not None), default=0)
+    names = np.full((len(shapes), window), -1)
+    mac = np.full((len(shapes), window), np.nan)
+    weakest = np.full(max(len(shapes) - 1, 0), np.nan)
+    last, free = None, 0
+    for p, here in enumerate(shapes):
+        if here is None:
+            continue
+        if last is None:
+            names[p], free = np.arange(window), window
+        else:
+            before = shapes[last]
+            assert before is not None
+            shapes[p] = here = aligned(before, here)
+            matrix = agreement(before, here)
+            rows, columns = linear_sum_assignment(-matrix)
+            match = matrix[rows, columns]
+            kept = match >= LOST
+            mac[p] = 0.0
+            mac[p, columns[kept]] = match[kept]
+            names[p, columns[kept]] = names[last, rows[kept]]
+            new = names[p] < 0
+            names[p, new] = free + np.arange(new.sum())
+            free += int(new.sum())
+            if last == p - 1:
+                low = (rows < count) | (columns < count)
+                weakest[last] = np.min(np.where(kept, match, 0.0)[low])
+        last = p
+    return Links(names, mac, weakest), shapes
+
+
+def tracks(links: Links, count: int) -> Int[np.ndarray, "points modes"]:
+    """Place in the window of every mode that is among the `count` lowest somewhere; -1: absent."""
+    low = links.names[:, :count]
+    wanted = np.unique(low[low >= 0])
+    if not len(wanted):  # no point succeeded
+        return np.zeros((len(low), 0), int)
+    found = links.names[:, None, :] == wanted[None, :, None]
+    return np.where(found.any(axis=2), found.argmax(axis=2), -1)
+
+
+def veerings(
+    values: np.ndarray,
+    frequencies: Float[np.ndarray, "points modes"],
+    places: Int[np.ndarray, "points modes"],
+    shapes: list[Shapes | None],
+    trusted: np.ndarray,
+) -> tuple[Veering, ...]:
+    """Veerings between neighboring modes, in the order of the swept number.
+
+    `trusted` [points - 1] says between which points the shapes could be followed. Modes that
+    cross there are no veering; modes that cross elsewhere are one that is too sharp for the grid.
+    """
+    found = []
+    for p in range(len(values) - 1):
+        present = np.flatnonzero(places[p] >= 0)
+        order = present[np.argsort(places[p, present])]
+        for low, high in itertools.pairwise(order):
+            if places[p, high] != places[p, low] + 1:
+                continue  # a mode that is not asked for lies between
+            difference = frequencies[:, high] - frequencies[:, low]
+            if difference[p + 1] < 0 and not trusted[p]:
+                place = p if difference[p] < -difference[p + 1] else p + 1
+                gap = float(np.abs(difference[place]))
+                found.append(Veering(float(values[place]), (int(low), int(high)), gap, False))
+            elif p and _exchange(difference, places[:, [low, high]], shapes, p):
+                value, gap = _closest(values[p - 1 : p + 2], difference[p - 1 : p + 2])
+                resolved = bool(trusted[p - 1] and trusted[p])
+                found.append(Veering(value, (int(low), int(high)), gap, resolved))
+    return tuple(found)
+
+
+def _exchange(difference, places, shapes, p: int) -> bool:
+    """Whether a gap is smallest at point p, and two modes exchange their shapes around it."""
+    near = difference[p - 1 : p + 2]
+    if not (np.all(near > 0) and near[0] >= near[1] < near[2]):
+        return False
+    left, right = (_opened(difference, p, step) for step in (-1, 1))
+    a, b = shapes[left], shapes[right]
+    assert a is not None  # both have finite frequencies
+    assert b is not None
+    products = agreement(a, b)
+    (low, high), (low_after, high_after) = places[left], places[right]
+    return bool(min(products[low, high_after], products[high, low_after]) >= _EXCHANGED)
+
+
+def _opened(difference, p: int, step: int) -> int:
+    """The first point to one side of p where a gap has doubled, or where it stops to grow."""
+    at = p
+    while (
+        0 <= at + step < len(difference)
+        and difference[at + step] > difference[at]  # False for nan, too
+        and difference[at] < _OPEN * difference[p]
+    ):
+        at += step
+    return at
+
+
+def _closest(x: np.ndarray, gaps: np.ndarray) -> tuple[float, float]:
+    """Place and size of the smallest gap: of two modes alone its square is a parabola."""
+    middle = x[1]
+    a, b, c = np.polyfit(x - middle, gaps**2, 2)
+    place = np.clip(-b / (2 * a), x[0] - middle, x[2] - middle)
+    return float(middle + place), float(np.sqrt(max(a * place**2 + b * place + c, 0.0)))

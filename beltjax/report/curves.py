@@ -1,0 +1,104 @@
+"""Pictures of curves: frequencies over a sweep, responses over the driver's speed."""
+
+from collections.abc import Sequence
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from beltjax.analysis.sweep import Sweep
+from beltjax.drive.components import Drive
+from beltjax.drive.numbers import SPEEDS
+
+RPM = 60 / (2 * np.pi)  # of 1 rad/s
+_MANY = 10  # curves above which a legend would hide the picture
+
+
+def driver_speeds(drive: Drive, found: Sweep) -> np.ndarray | None:
+    """The driver's speed [rad/s] at each value of a sweep over a speed; None for other sweeps."""
+    if found.name not in SPEEDS:
+        return None
+    radius = float(drive.drives @ drive.radii)
+    return found.values if found.name == SPEEDS[1] else found.values / radius
+
+
+def sweep_figure(
+    drive: Drive, found: Sweep, labels: Sequence[str], orders: Sequence[float]
+) -> Figure:
+    """Frequencies over the swept number, one color a mode, with lines of excitation orders.
+
+    The lines are drawn where the swept number is a speed: `order` times the driver's rotations
+    per second, the frequency that a firing order excites.
+    """
+    figure, axes = _picture()
+    speeds = driver_speeds(drive, found)
+    by_rpm = found.unit == "rad/s"
+    x = found.values * (RPM if by_rpm else 1.0)
+    hertz = found.frequencies / (2 * np.pi)
+    colors = matplotlib.colormaps["tab20" if hertz.shape[1] > _MANY else "tab10"].colors  # pyright: ignore[reportAttributeAccessIssue]
+    for k, label in enumerate(labels):
+        color = colors[k % len(colors)]
+        axes.plot(x, hertz[:, k], color=color, linewidth=1.6, label=f"{k + 1}: {label}")
+    top = 1.05 * np.nanmax(hertz) if np.isfinite(hertz).any() else 1.0
+    if speeds is not None:
+        _draw_orders(axes, x, speeds / (2 * np.pi), orders, top)
+    places = [veering.value * (RPM if by_rpm else 1.0) for veering in found.veerings]
+    middles = [
+        np.mean([np.interp(veering.value, found.values, hertz[:, k]) for k in veering.modes])
+        for veering in found.veerings
+    ]
+    if places:
+        axes.plot(places, middles, "o", mfc="none", mec="black", markersize=11, label="veering")
+    unit = "rpm" if by_rpm else found.unit
+    axes.set_xlabel(f"{found.name} ({unit})" if unit else found.name, parse_math=False)
+    axes.set_ylabel("natural frequency (Hz)")
+    axes.set_ylim(0, top)
+    axes.set_title(drive.name, fontsize=11, parse_math=False)
+    _legend(axes)
+    return figure
+
+
+def _draw_orders(axes: Axes, x, rotations, orders: Sequence[float], top: float) -> None:
+    for order in orders:
+        axes.plot(x, order * rotations, "--", color="#555555", linewidth=0.9)
+        inside = np.flatnonzero(order * rotations <= top)
+        if len(inside):
+            at = inside[-1]
+            text = f"order {order:g}"
+            axes.annotate(text, (x[at], order * rotations[at]), fontsize=8, ha="right", va="top")
+
+
+def response_figure(
+    title: str, rpm: np.ndarray, panels: dict[str, dict[str, np.ndarray]]
+) -> Figure:
+    """Amplitudes over the driver's speed: a panel for each kind, a curve for each part."""
+    figure = Figure(figsize=(9.0, 2.3 * len(panels) + 0.8), layout="constrained")
+    FigureCanvasAgg(figure)
+    rows = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+    for axes, (kind, curves) in zip(rows, panels.items(), strict=True):
+        for name, curve in curves.items():
+            axes.plot(rpm, curve, linewidth=1.4, label=name)
+        axes.set_ylabel(kind, fontsize=9)
+        axes.set_ylim(bottom=0)
+        axes.grid(linewidth=0.3)
+        _legend(axes)
+    rows[0].set_title(title, fontsize=11, parse_math=False)
+    rows[-1].set_xlabel("driver speed (rpm)")
+    return figure
+
+
+def _picture() -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(9.0, 6.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    axes.grid(linewidth=0.3)
+    return figure, axes
+
+
+def _legend(axes: Axes) -> None:
+    """Beside the curves, so that it hides none; names are not formulas."""
+    legend = axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=8)
+    for text in legend.get_texts():
+        text.set_parse_math(False)

@@ -1,0 +1,59 @@
+"""What is asked on the command line: ranges of numbers, amplitudes, orders."""
+
+import numpy as np
+from jaxtyping import Float
+
+from beltjax.drive.quantities import to_si
+
+_MOST_POINTS = 100_000
+
+
+def read_range(text: str, unit: str, fewest: int = 2) -> Float[np.ndarray, " points"]:
+    """Values [SI] of "0:60:121" or "600 rpm:6000 rpm:200": from, to, and how many.
+
+    Raises `ValueError` that says what was found and what to give.
+    """
+    parts = text.split(":")
+    if len(parts) != 3:
+        raise ValueError(f"found {text!r}; give FROM:TO:POINTS, such as 0:60:121")
+    lower, upper = (to_si(_number(part), unit) for part in parts[:2])
+    if not parts[2].strip().isdecimal():
+        raise ValueError(f"found {parts[2]!r} points in {text!r}; give a whole number")
+    points = int(parts[2])
+    if not fewest <= points <= _MOST_POINTS:
+        raise ValueError(f"found {points} points in {text!r}; give {fewest} to {_MOST_POINTS}")
+    if not lower < upper:
+        raise ValueError(f"found {text!r}; give a range that ends above where it begins")
+    return np.linspace(lower, upper, points)
+
+
+def read_named(text: str, example: str) -> tuple[str, str]:
+    """The two sides of "NAME=REST"."""
+    name, equals, rest = text.partition("=")
+    if not equals or not name.strip() or not rest.strip():
+        raise ValueError(f"found {text!r}; give {example}")
+    return name.strip(), rest.strip()
+
+
+def read_amplitude(text: str, unit: str) -> float:
+    """An amplitude [SI], zero to peak; its sign would be a phase."""
+    amplitude = to_si(_number(text), unit)
+    if amplitude < 0:
+        raise ValueError(f"found {text!r}; an amplitude is not negative")
+    return amplitude
+
+
+def read_orders(text: str) -> tuple[float, ...]:
+    """Orders of excitation, "2,4"."""
+    orders = tuple(to_si(_number(part), "") for part in text.split(","))
+    if not all(order > 0 for order in orders):
+        raise ValueError(f"found {text!r}; give positive orders, such as 2,4")
+    return orders
+
+
+def _number(text: str) -> float | str:
+    """A bare number is SI; anything else carries its unit."""
+    try:
+        return float(text)
+    except ValueError:
+        return text.strip()

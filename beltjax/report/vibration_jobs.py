@@ -1,0 +1,192 @@
+"""What `beltjax sweep` and `beltjax response` do, from a drive file to a report."""
+
+import dataclasses
+import importlib
+import os
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from beltjax.analysis.damping import Damping
+from beltjax.analysis.linearization import has_inertias
+from beltjax.analysis.response import Excitation, Response, speed_response
+from beltjax.analysis.sweep import CHUNK, Sweep, require_count, sweep
+from beltjax.drive.components import Drive, OperatingPoint
+from beltjax.drive.files import load_drive
+from beltjax.drive.numbers import require_number, unit_of_number
+from beltjax.errors import FileError
+from beltjax.numerics.compilation import quickly_compiled
+from beltjax.report.jobs import Report
+from beltjax.report.requests import read_amplitude, read_named, read_orders, read_range
+from beltjax.report.vibration import (
+    response_curves,
+    response_document,
+    response_tables,
+    sweep_document,
+    sweep_tables,
+)
+from beltjax.results import explanations
+
+Advance = Callable[[str, int, int | None], None]
+Value = TypeVar("Value")
+_MODAL_DAMPING = 0.02
+_ORDER = 2.0  # of a four-cylinder engine's firing
+
+
+def sweep_job(
+    path: str | os.PathLike[str],
+    over: str,
+    count: int,
+    orders: str,
+    netcdf: str | None,
+    figure: str | None,
+    advance: Advance,
+) -> Report:
+    """Sweep one number of a drive file. Raises `FileError` for what cannot be asked."""
+    drive, point = _vibrating(path)
+    name, text = _asked("--over", lambda: read_named(over, "NAME=FROM:TO:POINTS"))
+    _asked("--over", lambda: require_number(drive, name))
+    values = _asked("--over", lambda: read_range(text, unit_of_number(name)))
+    lines = _asked("--orders", lambda: read_orders(orders))
+    _asked("--count", lambda: require_count(drive, count))
+    found = sweep(drive, point, name, values, count=count, advance=advance)
+    document = sweep_document(drive, found)
+    files = []
+    if netcdf:
+        files.append((netcdf, _netcdf(found)))
+    if figure:
+        curves = importlib.import_module("beltjax.report.curves")  # slow to load
+        picture = curves.sweep_figure(drive, found, document["labels"], lines)
+        files.append((figure, _picture(picture, figure)))
+    failure = _all_failed(path, name, found.outcomes)
+    return Report(document, sweep_tables(document), failure, tuple(files))
+
+
+class Forcing(NamedTuple):
+    """What `beltjax response` was given, as text; None: the file's, or the usual."""
+
+    crank: str | None
+    torques: Sequence[str]
+    order: float | None
+    speeds: str
+    modal_damping: float | None
+
+
+def response_job(
+    path: str | os.PathLike[str], given: Forcing, figure: str | None, advance: Advance
+) -> Report:
+    """Force the drive of a file over a range of speeds. Raises `FileError` as `sweep_job` does."""
+    drive, point = _vibrating(path)
+    excitation = _excitation(path, drive, point, given)
+    order = _order(point, given)
+    if not order > 0:
+        raise FileError("--order", "", f"found {order:g}; give a positive order")
+    speeds = _asked("--speeds", lambda: read_range(given.speeds, "rad/s"))
+    if not speeds[0] > 0:
+        raise FileError("--speeds", "", f"found {given.speeds!r}; begin above 0")
+    ratio = _MODAL_DAMPING if given.modal_damping is None else given.modal_damping
+    damping = _asked("--modal-damping", lambda: Damping(modal=ratio))
+    found = _responses(drive, point, speeds, excitation, jnp.asarray(order), damping, advance)
+    document = response_document(drive, order, speeds, found)
+    files: tuple[tuple[str, bytes], ...] = ()
+    if figure:
+        curves = importlib.import_module("beltjax.report.curves")
+        title = f"{drive.name}: response to order {order:g}"
+        rpm = np.array(document["driver_speed_rpm"])
+        picture = curves.response_figure(title, rpm, response_curves(document))
+        files = ((figure, _picture(picture, figure)),)
+    failure = _all_failed(path, "operation.driver_speed", explanations(found.result))
+    return Report(document, response_tables(document), failure, files)
+
+
+def _order(point: OperatingPoint, given: Forcing) -> float:
+    if given.order is not None:
+        return given.order
+    file = point.excitation
+    return _ORDER if file is None or file.order is None else float(file.order)
+
+
+def _excitation(path, drive: Drive, point: OperatingPoint, given: Forcing) -> Excitation:
+    """The command's crank motion and torques; the file's where the command names neither."""
+    file = point.excitation
+    if given.crank is not None or given.torques:
+        crank, torques = _commanded(drive, given)
+    elif file is not None:
+        crank, torques = file.crank, file.torque
+    else:
+        crank, torques = None, {}
+    crank = 0.0 if crank is None else crank
+    if not (float(crank) or any(map(float, torques.values()))):
+        message = "is not excited; give --crank, --torque NAME=AMPLITUDE or a table [excitation]"
+        raise FileError(path, "", message)
+    # A torque on every pulley, most of them zero, so that all excitations compile once.
+    return Excitation(crank, {name: torques.get(name, 0.0) for name in drive.pulley_names})
+
+
+def _commanded(drive: Drive, given: Forcing) -> tuple[float, dict[str, float]]:
+    """Amplitudes of the command's crank motion [rad] and torques [N m]."""
+    crank = _asked("--crank", lambda: read_amplitude(given.crank or "0", "rad"))
+    torques = {}
+    for text in given.torques:
+        name, size = _asked("--torque", lambda text=text: read_named(text, "NAME=AMPLITUDE"))
+        if name in torques:
+            raise FileError("--torque", "", f"names {name!r} twice; remove one of them")
+        torques[name] = _asked("--torque", lambda size=size: read_amplitude(size, "N m"))
+    _asked("--torque", lambda: Excitation(crank, torques).on(drive.pulley_names))
+    driver = drive.pulley_names[int(np.argmax(drive.drives))]
+    if driver in torques:
+        message = f"the motion of the driver {driver!r} is given; use --crank"
+        raise FileError("--torque", "", message)
+    return crank, torques
+
+
+def _responses(
+    drive, point, speeds: np.ndarray, excitation, order, damping, advance: Advance
+) -> Response:
+    """Chunk by chunk, each of the same length, so that one compiles and progress shows."""
+    run = quickly_compiled(_response)
+    point = dataclasses.replace(point, excitation=None)  # which is `excitation` by now
+    parts = []
+    for start in range(0, len(speeds), CHUNK):
+        advance("forcing", start, len(speeds))
+        chunk = speeds[start : start + CHUNK]
+        full = np.append(chunk, np.full(CHUNK - len(chunk), chunk[-1]))
+        part = jax.device_get(run(drive, point, jnp.asarray(full), excitation, order, damping))
+        parts.append(jax.tree.map(lambda x, chunk=chunk: x[: len(chunk)], part))
+    return jax.tree.map(lambda *x: np.concatenate(x), *parts)
+
+
+def _response(drive, point, speeds, excitation, order, damping) -> Response:
+    return speed_response(drive, point, speeds, excitation, order=order, damping=damping)
+
+
+def _vibrating(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint]:
+    drive, point = load_drive(path)
+    if not has_inertias(drive):
+        message = "is missing; vibration needs the inertia of every pulley and of the arm"
+        raise FileError(path, "inertia", message)
+    return drive, point
+
+
+def _asked(option: str, read: Callable[[], Value]) -> Value:
+    """What an option says; raises `FileError` that names it."""
+    try:
+        return read()
+    except ValueError as error:
+        raise FileError(option, "", str(error).rstrip(".")) from error
+
+
+def _all_failed(path, key: str, outcomes: Sequence[str]) -> str:
+    return str(FileError(path, key, f"no point succeeded: {outcomes[0]}")) if all(outcomes) else ""
+
+
+def _netcdf(found: Sweep) -> bytes:
+    data: Any = found.to_xarray().to_netcdf(engine="scipy")
+    return bytes(data)
+
+
+def _picture(picture: Any, path: str) -> bytes:
+    return importlib.import_module("beltjax.report.figures").picture_bytes(picture, path)
