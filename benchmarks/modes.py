@@ -74,7 +74,7 @@ def companion(lin):
     size = len(M)
     lower = -np.linalg.solve(M, np.hstack([K, G]))
     A = np.vstack([np.hstack([np.zeros((size, size)), np.eye(size)]), lower])
-    values = scipy.linalg.eigvals(A).imag
+    values = np.imag(scipy.linalg.eigvals(A))
     return np.sort(values[values > 1e-9])[:COUNT] / float(lin.scales.time)
 
 

@@ -25,7 +25,7 @@ def frequencies(drive, point, basis, exact):
     [
         ("three_pulley", "tension", "basis"),
         ("three_pulley", "belt", "exact"),
-        ("seven_pulley", "belt", "basis"),
+        pytest.param("seven_pulley", "belt", "basis", marks=pytest.mark.slow),
         pytest.param("seven_pulley", "tension", "exact", marks=pytest.mark.slow),
     ],
 )
