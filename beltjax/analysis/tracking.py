@@ -5,7 +5,6 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
-from scipy.optimize import linear_sum_assignment
 
 # Below this agreement of shapes a mode has left the window, or appeared in it.
 LOST = 0.25
@@ -94,6 +93,8 @@ def linked(shapes: list[Shapes | None], count: int) -> tuple[Links, list[Shapes 
     they were matched. Modes are named by their place at the first good point, later ones by the
     next free number.
     """
+    from scipy.optimize import linear_sum_assignment  # a third of a second, for sweeps alone
+
     shapes = list(shapes)
     window = max((len(one.omega) for one in shapes if one is not None), default=0)
     names = np.full((len(shapes), window), -1)

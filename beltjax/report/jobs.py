@@ -13,9 +13,9 @@ from beltjax.analysis.sensitivity import sensitivities
 from beltjax.drive.files import load_drive, save_drive
 from beltjax.errors import FileError
 from beltjax.numerics.bases import Legendre
-from beltjax.numerics.compilation import quickly_compiled
 from beltjax.report.diagnosis import diagnose
 from beltjax.report.documents import analysis_document, design_document, plain_numbers
+from beltjax.report.programs import run_kept
 from beltjax.report.tables import analysis_tables, design_tables
 from beltjax.results import RESULTS, explanation
 
@@ -40,7 +40,7 @@ def analysis_job(path: str | os.PathLike[str], figure: str | None = None) -> Rep
     drive, point = load_drive(path)
     if figure and not has_inertias(drive):
         raise FileError(path, "inertia", "is missing; modes to draw need the inertia of every part")
-    found = jax.device_get(quickly_compiled(sensitivities)(drive, point, MODES, BASIS))
+    found = jax.device_get(run_kept(sensitivities, drive, point, MODES, BASIS))
     why = diagnose(drive, point, found.steady)
     if why and why.impossible:
         raise FileError(path, why.key, why.message)

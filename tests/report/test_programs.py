@@ -1,0 +1,63 @@
+"""Programs kept between runs: the same answers, traced once, and no harm from a bad file."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from beltjax.report import programs
+
+TRACED = []
+
+
+def doubled(numbers, power):
+    TRACED.append(power)
+    return {"values": numbers**power, "word": "kept"}
+
+
+@pytest.fixture
+def folder(tmp_path):
+    before = jax.config.values["jax_compilation_cache_dir"]
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path))
+    TRACED.clear()
+    yield tmp_path
+    jax.config.update("jax_compilation_cache_dir", before)
+
+
+def kept_files(folder):
+    return sorted(folder.glob("*.program"))
+
+
+def test_a_second_run_traces_nothing(folder):
+    numbers = jnp.array([1.0, 2.0, 3.0])
+    for _ in range(2):
+        found = programs.run_kept(doubled, numbers, 2)
+        np.testing.assert_array_equal(found["values"], [1.0, 4.0, 9.0])
+        assert found["word"] == "kept"
+    np.testing.assert_array_equal(programs.run_kept(doubled, -numbers, 2)["values"], [1, 4, 9])
+    assert TRACED == [2]
+    assert len(kept_files(folder)) == 1
+
+
+def test_what_it_depends_on_is_in_its_name(folder):
+    programs.run_kept(doubled, jnp.ones(3), 2)
+    programs.run_kept(doubled, jnp.ones(3), 3)
+    programs.run_kept(doubled, jnp.ones(4), 2)
+    assert TRACED == [2, 3, 2]
+    assert len(kept_files(folder)) == 3
+
+
+def test_a_spoiled_file_is_written_anew(folder):
+    programs.run_kept(doubled, jnp.ones(3), 2)
+    (kept,) = kept_files(folder)
+    kept.write_bytes(b"half of someth")
+    np.testing.assert_array_equal(programs.run_kept(doubled, jnp.ones(3), 2)["values"], 1.0)
+    assert TRACED == [2, 2]
+    programs.run_kept(doubled, jnp.ones(3), 2)
+    assert TRACED == [2, 2]
+
+
+def test_without_a_cache_it_just_runs(folder):
+    jax.config.update("jax_compilation_cache_dir", None)
+    np.testing.assert_array_equal(programs.run_kept(doubled, jnp.ones(3), 2)["values"], 1.0)
+    assert kept_files(folder) == []
