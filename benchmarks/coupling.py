@@ -12,19 +12,17 @@ one run, each with its true error against a collocation converged to 1e-10:
 """
 
 import argparse
-import os
 import time
 from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 jax.config.update("jax_enable_x64", True)
 
 from standard_form import solve_standard_form  # noqa: E402
+from timing import Row, best_time, compiled, show  # noqa: E402
 
 import beltjax as bj  # noqa: E402
 from beltjax.analysis.sensitivity import named_numbers  # noqa: E402
@@ -32,7 +30,6 @@ from beltjax.analysis.steady import steady_model  # noqa: E402
 
 DRIVE = Path(__file__).parents[1] / "examples" / "three_pulley.toml"
 REFERENCES = 6  # designs that SciPy solves, both to time it and to 1e-10 for the true error
-REPEATS = 7
 
 
 def total_coupling(numbers):
@@ -52,23 +49,6 @@ def varied(numbers, batch, spread=0.03):
         return jnp.asarray(np.where(keep, leaf, leaf * factor))
 
     return jax.tree.unflatten(structure, [vary(leaf) for leaf in leaves])
-
-
-def best_time(function, *arguments):
-    """Shortest of several runs [s]; the machine's other work only ever adds."""
-    times = []
-    for _ in range(REPEATS):
-        start = time.perf_counter()
-        jax.block_until_ready(function(*arguments))
-        times.append(time.perf_counter() - start)
-    return min(times)
-
-
-def compiled(function, *arguments):
-    """A compiled function and how long tracing and compiling took [s]."""
-    start = time.perf_counter()
-    result = jax.jit(function).lower(*arguments).compile()
-    return result, time.perf_counter() - start
 
 
 def numpy_coupling(c):
@@ -179,32 +159,16 @@ def main() -> None:
     }
     small = {name: x[:200] for name, x in columns.items()}
     slope_error = gradient_error(small, {name: x[:200] for name, x in slopes.items()})
-    rows = [
-        ("beltjax, value", batch, error(value(designs)), None, value_compile, best_time(value, designs) / batch),
-        (f"beltjax, value and {count} slopes", batch, error(gamma), slope_error, both_compile, best_time(both, designs) / batch),
-        ("NumPy closed form, value", batch, error(numpy_coupling(columns)), None, None, best_time(numpy_coupling, columns) / batch),
-        ("SciPy solve_bvp 1e-6, value", 1, error([p.coupling.sum() for p in peers]), None, None, scipy_time),
-    ]  # fmt: skip
-    table = Table(
-        title=f"Coupling Gamma, {os.cpu_count()} cores, {jax.default_backend()}", box=None
-    )
-    for name in (
-        "way",
-        "batch",
-        "error",
-        "slope error",
-        "compile (s)",
-        "run (us/design)",
-        "SciPy over this",
-    ):
-        table.add_column(name, justify="left" if name == "way" else "right", no_wrap=True)
-    for name, size, wrong, slope, compile_time, run in rows:
-        shown = ["-" if x is None else f"{x:.1e}" for x in (wrong, slope)]
-        wait = "-" if compile_time is None else f"{compile_time:.1f}"
-        table.add_row(name, f"{size}", *shown, wait, f"{1e6 * run:.3g}", f"{scipy_time / run:,.0f}")
-    console = Console()
-    console.width = max(console.width, 120)
-    console.print(table)
+    show(
+        "Coupling Gamma",
+        "design",
+        [
+            Row("beltjax, value", batch, error(value(designs)), None, value_compile, best_time(value, designs) / batch),
+            Row(f"beltjax, value and {count} slopes", batch, error(gamma), slope_error, both_compile, best_time(both, designs) / batch),
+            Row("NumPy closed form, value", batch, error(numpy_coupling(columns)), None, None, best_time(numpy_coupling, columns) / batch),
+            Row("SciPy solve_bvp 1e-6, value", 1, error([p.coupling.sum() for p in peers]), None, None, scipy_time),
+        ],
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -26,9 +26,8 @@ import time  # noqa: E402
 import equinox as eqx  # noqa: E402
 import numpy as np  # noqa: E402
 import scipy.linalg  # noqa: E402
-from coupling import DRIVE, best_time, compiled, varied  # noqa: E402
-from rich.console import Console  # noqa: E402
-from rich.table import Table  # noqa: E402
+from coupling import DRIVE, varied  # noqa: E402
+from timing import Row, best_time, compiled, show  # noqa: E402
 
 import beltjax as bj  # noqa: E402
 from beltjax.analysis.sensitivity import named_numbers  # noqa: E402
@@ -143,37 +142,17 @@ def main() -> None:
         for kind, function in (("", way), (" and slopes", jax.jacrev(way))):
             run, wait = compiled(over_cores(function), designs)
             wrong = np.max(np.abs(np.asarray(jax.vmap(way)(few)) / fine - 1)) if not kind else None
-            rows.append((name + kind, batch, wrong, None, wait, best_time(run, designs) / batch))
+            cost = best_time(run, designs) / batch
+            rows.append(Row(name + kind, batch, wrong, None, wait, cost))
             if kind and slopes is None:
                 slopes = {key: np.asarray(x) for key, x in named_numbers(*run(designs)).items()}
     seconds, found, slope_error = peer(few, slopes)
     scipy_error = np.max(np.abs(found / fine - 1))
-    rows.append(("SciPy eig, differences", 1, scipy_error, slope_error, None, seconds))
-
-    columns = (
-        "way",
-        "batch",
-        "error",
-        "differences' error",
-        "compile (s)",
-        "ms/design",
-        "SciPy over this",
-    )
-    table = Table(
-        title=f"{COUNT} frequencies, {os.cpu_count()} cores, {jax.default_backend()}", box=None
-    )
-    for column in columns:
-        table.add_column(column, justify="left" if column == "way" else "right", no_wrap=True)
-    for name, size, wrong, slope, wait, run in rows:
-        shown = ["-" if x is None else f"{float(x):.1e}" for x in (wrong, slope)]
-        pause = "-" if wait is None else f"{wait:.1f}"
-        table.add_row(name, f"{size}", *shown, pause, f"{1e3 * run:.3g}", f"{seconds / run:,.0f}")
-    console = Console()
-    console.width = max(console.width, 120)
-    console.print(table)
-    console.print("\npulleys  functions a span  ms/design")
+    rows.append(Row("SciPy eig, differences", 1, scipy_error, slope_error, None, seconds))
+    show(f"{COUNT} frequencies", "design", rows)
+    print("\npulleys  functions a span  us/design")
     for pulleys, size, cost in growth(batch // 5):
-        console.print(f"{pulleys:7d}  {size:16d}  {cost:9.3f}")
+        print(f"{pulleys:7d}  {size:16d}  {1e3 * cost:9.1f}")
 
 
 if __name__ == "__main__":

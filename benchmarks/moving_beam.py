@@ -17,44 +17,24 @@ The true error is against Legendre polynomials (a Galerkin method without waves)
 
 import argparse
 import itertools
-import os
 import sys
 import time
 from pathlib import Path
 
 import jax
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 from scipy.optimize import brentq
 
 jax.config.update("jax_enable_x64", True)
 sys.path.append(str(Path(__file__).parents[1] / "tests"))
 
 import legendre_beam  # noqa: E402
+from timing import Row, best_time, compiled, show  # noqa: E402
 
 import beltjax as bj  # noqa: E402
 
 COUNT = 4
 REFERENCES = 40  # beams that Legendre and SciPy solve
-REPEATS = 3
-
-
-def compiled(function, *arguments):
-    """A compiled function and how long tracing and compiling took [s]."""
-    start = time.perf_counter()
-    result = jax.jit(function).lower(*arguments).compile()
-    return result, time.perf_counter() - start
-
-
-def best_time(function, *arguments):
-    """Shortest of several runs [s]; the machine's other work only ever adds."""
-    times = []
-    for _ in range(REPEATS):
-        start = time.perf_counter()
-        jax.block_until_ready(function(*arguments))
-        times.append(time.perf_counter() - start)
-    return min(times)
 
 
 def determinant(omega, eps, v, ends):
@@ -138,34 +118,16 @@ def main() -> None:
 
     found, derivatives = slopes(eps, v)
     wrong = slope_error(exact, [np.asarray(d) for d in derivatives], eps, v)
-    rows = [
-        ("exact", batch, error(omega), None, exact_compile, best_time(exact, eps, v) / batch),
-        ("exact, and all slopes", batch, error(found), wrong, slopes_compile, best_time(slopes, eps, v) / batch),
-        ("perturbation", batch, error(leading(eps, v)), None, leading_compile, best_time(leading, eps, v) / batch),
-        ("SciPy brentq, given brackets", 1, error(peer), None, None, scipy_time),
-    ]  # fmt: skip
-    table = Table(
-        title=f"{COUNT} frequencies a beam, {'-'.join(ends)}, {len(os.sched_getaffinity(0))} cores, "
-        f"{jax.default_backend()}",
-        box=None,
-    )
-    for name in (
-        "way",
-        "batch",
-        "error",
-        "slope error",
-        "compile (s)",
-        "run (us/beam)",
-        "SciPy over this",
-    ):
-        table.add_column(name, justify="left" if name == "way" else "right", no_wrap=True)
-    for name, size, off, slope, compile_time, run in rows:
-        shown = ["-" if x is None else f"{x:.1e}" for x in (off, slope)]
-        wait = "-" if compile_time is None else f"{compile_time:.1f}"
-        table.add_row(name, f"{size}", *shown, wait, f"{1e6 * run:.3g}", f"{scipy_time / run:,.0f}")
-    console = Console()
-    console.width = max(console.width, 120)
-    console.print(table)
+    show(
+        f"{COUNT} frequencies a beam, {'-'.join(ends)}",
+        "beam",
+        [
+            Row("exact", batch, error(omega), None, exact_compile, best_time(exact, eps, v) / batch),
+            Row("exact, and all slopes", batch, error(found), wrong, slopes_compile, best_time(slopes, eps, v) / batch),
+            Row("perturbation", batch, error(leading(eps, v)), None, leading_compile, best_time(leading, eps, v) / batch),
+            Row("SciPy brentq, given brackets", 1, error(peer), None, None, scipy_time),
+        ],
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

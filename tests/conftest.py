@@ -1,4 +1,5 @@
 import os
+import sys
 
 # Compiling is most of what these tests wait for: do it as `quickly_compiled` does. Set before
 # JAX starts.
@@ -9,5 +10,24 @@ os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + QUICK
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import jax  # noqa: E402
+import pytest  # noqa: E402
+
+import beltjax.cli  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """Run the command line in this process, in an empty folder: status, output, errors."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(beltjax.cli, "_prepare_jax", lambda: None)
+
+    def call(*words):
+        monkeypatch.setattr(sys, "argv", ["beltjax", *map(str, words)])
+        with pytest.raises(SystemExit) as end:
+            beltjax.cli.main()
+        output = capsys.readouterr()
+        return end.value.code, output.out, output.err
+
+    return call

@@ -9,27 +9,10 @@ import numpy as np
 import pytest
 from drives import EXAMPLES
 
-import beltjax.cli
 from beltjax.report.documents import write_json
 
 THREE = (EXAMPLES / "three_pulley.toml").read_text()
 STUDY = (EXAMPLES / "three_pulley_study.toml").read_text()
-
-
-@pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
-    """Run the command line in this process, in an empty folder: status, output, errors."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(beltjax.cli, "_prepare_jax", lambda: None)
-
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["beltjax", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            beltjax.cli.main()
-        output = capsys.readouterr()
-        return end.value.code, output.out, output.err
-
-    return call
 
 
 def one_line(text):

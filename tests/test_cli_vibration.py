@@ -2,7 +2,6 @@
 
 import json
 import re
-import sys
 
 import numpy as np
 import pytest
@@ -17,22 +16,6 @@ DRIVE = EXAMPLES / "three_pulley.toml"
 THREE = DRIVE.read_text()
 SHAKEN = THREE + '\n[excitation]\ncrank = "0.5 deg"\norder = 4\ntorque = { accessory = 1.5 }\n'
 PNG = b"\x89PNG\r\n\x1a\n"
-
-
-@pytest.fixture
-def run(monkeypatch, capsys, tmp_path):
-    """Run the command line in this process, in an empty folder: status, output, errors."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(beltjax.cli, "_prepare_jax", lambda: None)
-
-    def call(*words):
-        monkeypatch.setattr(sys, "argv", ["beltjax", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            beltjax.cli.main()
-        output = capsys.readouterr()
-        return end.value.code, output.out, output.err
-
-    return call
 
 
 def test_sweep_writes_json_netcdf_and_a_picture_that_agree(run, tmp_path):

@@ -16,20 +16,23 @@ import jax
 from jax import export
 
 import beltjax
-from beltjax.numerics.compilation import quick_options
+from beltjax.numerics.compilation import quick_options, quickly_compiled
 from beltjax.writing import write_whole
 
 
 def run_kept(function: Callable, *args: Any) -> Any:
     """`function(*args)` for arguments of arrays and static parts, its program kept for next time.
 
-    Without a cache directory, or where it cannot be used, it is simply compiled and run.
+    Without a cache directory it is simply compiled and run; one that cannot be written costs
+    only time.
     """
+    folder = jax.config.values["jax_compilation_cache_dir"]
+    if folder is None:
+        return quickly_compiled(function)(*args)
     arrays, static = eqx.partition(args, eqx.is_array)
     leaves, structure = jax.tree.flatten(arrays)
-    folder = jax.config.values["jax_compilation_cache_dir"]
-    path = None if folder is None else Path(folder) / f"{_key(function, arrays, static)}.program"
-    kept = None if path is None else _read(path)
+    path = Path(folder) / f"{_key(function, arrays, static)}.program"
+    kept = _read(path)
     if kept is None:
         skeletons: list[Any] = []
 
@@ -42,8 +45,7 @@ def run_kept(function: Callable, *args: Any) -> Any:
 
         program = export.export(jax.jit(flat))(*leaves)
         kept = program, skeletons[-1]
-        if path is not None:
-            _write(path, program, skeletons[-1])
+        _write(path, *kept)
     program, (places, rest) = kept
     numbers = jax.jit(program.call, compiler_options=quick_options())(*leaves)
     return eqx.combine(jax.tree.map(lambda place: numbers[place], places), rest)

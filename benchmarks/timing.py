@@ -1,0 +1,57 @@
+"""What the benchmarks share: timing and the table they print."""
+
+import os
+import time
+from typing import NamedTuple
+
+import jax
+from rich.console import Console
+from rich.table import Table
+
+REPEATS = 7
+
+
+class Row(NamedTuple):
+    """One way to an answer; what does not apply is None."""
+
+    way: str
+    batch: int
+    error: float | None
+    slope_error: float | None
+    compile: float | None  # [s]
+    run: float  # [s] for one of the batch
+
+
+def best_time(function, *arguments):
+    """Shortest of several runs [s]; the machine's other work only ever adds."""
+    times = []
+    for _ in range(REPEATS):
+        start = time.perf_counter()
+        jax.block_until_ready(function(*arguments))
+        times.append(time.perf_counter() - start)
+    return min(times)
+
+
+def compiled(function, *arguments):
+    """A compiled function and how long tracing and compiling took [s]."""
+    start = time.perf_counter()
+    result = jax.jit(function).lower(*arguments).compile()
+    return result, time.perf_counter() - start
+
+
+def show(title: str, one: str, rows: list[Row]) -> None:
+    """Print the rows; the last is the peer that all are compared with. `one` of the batch."""
+    table = Table(
+        title=f"{title}, {len(os.sched_getaffinity(0))} cores, {jax.default_backend()}", box=None
+    )
+    columns = ("way", "batch", "error", "slope error", "compile (s)", f"run (us/{one})")
+    for column in (*columns, "peer over this"):
+        table.add_column(column, justify="left" if column == "way" else "right", no_wrap=True)
+    for row in rows:
+        wrong = ["-" if x is None else f"{float(x):.1e}" for x in (row.error, row.slope_error)]
+        wait = "-" if row.compile is None else f"{row.compile:.1f}"
+        ratio = f"{rows[-1].run / row.run:,.0f}"
+        table.add_row(row.way, f"{row.batch}", *wrong, wait, f"{1e6 * row.run:.3g}", ratio)
+    console = Console()
+    console.width = max(console.width, 120)
+    console.print(table)
