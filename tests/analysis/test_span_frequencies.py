@@ -6,7 +6,6 @@ import legendre_beam
 import numpy as np
 import pytest
 from drives import example
-from moving_beams import compiled
 
 import beltjax as bj
 
@@ -37,7 +36,7 @@ BATCH = np.array([RUNNING, (0.1029, 0.0, 0.0, 300.0), (0.1029, 0.015, 20.0, -5.0
 @pytest.fixture(scope="module")
 def answered():
     """The example, a string at rest, and a drive that cannot be."""
-    return EXAMPLE[0], compiled(jax.vmap(look))(BATCH)
+    return EXAMPLE[0], jax.jit(jax.vmap(look))(BATCH)
 
 
 def test_string_at_rest(answered):
@@ -71,7 +70,7 @@ def test_bad_lane_is_reported_and_harmless(answered):
 
 @pytest.mark.slow  # compiles the steady state and its derivative
 def test_derivatives_with_respect_to_the_drive():
-    @compiled
+    @jax.jit
     @jax.vmap
     def both(numbers):
         return jax.jacrev(lambda numbers: look(numbers).hertz)(numbers), look(numbers).hertz
