@@ -177,15 +177,14 @@ def _steady_slopes(m: VibrationModel, of: _Waves) -> Float[Array, "spans 2"]:
 def _layer_moments(of: _Waves, E: Spans) -> Complex[Array, "spans 4"]:
     """Integral of w*'' with each wave."""
     k, ir = of.k[:, None], 1j * of.r
-    # A wave that stays at one end and the layer at the other have nearly the same exponent.
-    forward = _mean_exponential(jnp.concatenate([ir - k], axis=-1))  # int e^{(ir - k) x}
-    toward = _mean_exponential(-(ir + k))  # int e^{-(ir + k)(1 - x)}
-    with_start = jnp.stack(
-        [*(forward[:, j] for j in range(3)), of.start[:, 3] * forward[:, 3]], axis=-1
-    )
+    forward = _mean_exponential(ir - k)  # of e^{(ir - k) x}, for waves written from x = 0
+    backward = _mean_exponential(-(ir + k))  # of e^{-(ir + k)(1 - x)}, from x = 1
+    with_start = forward.at[:, 3].multiply(of.start[:, 3])
+    # The third wave and the layer at x = 1 have nearly the same exponent.
     near = E * _mean_exponential(ir[:, 2] + of.k)
     with_end = jnp.stack(
-        [of.end[:, 0] * toward[:, 0], of.end[:, 1] * toward[:, 1], near, toward[:, 3]], axis=-1
+        [of.end[:, 0] * backward[:, 0], of.end[:, 1] * backward[:, 1], near, backward[:, 3]],
+        axis=-1,
     )
     return of.A[:, None] * with_start + of.A_end[:, None] * with_end
 
