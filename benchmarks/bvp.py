@@ -1,6 +1,6 @@
 """The collocation solver against SciPy's `solve_bvp`, every row with both solvers' true errors.
 
-    JAX_ENABLE_X64=1 python benchmarks/bvp.py
+    python benchmarks/bvp.py
 
 Prints: the three-pulley steady state (single, batched, with gradient, memory, compile time and
 what the persistent cache saves); twelve test problems, single and batched; cost against the
@@ -19,10 +19,12 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.integrate
 
-import beltjax as bj
-from beltjax.analysis.steady import steady_model
-from beltjax.numerics.bvp_gauss import gauss
-from beltjax.physics import steady_collocation
+jax.config.update("jax_enable_x64", True)
+
+import beltjax as bj  # noqa: E402
+from beltjax.analysis.steady import steady_model  # noqa: E402
+from beltjax.numerics.bvp_gauss import gauss  # noqa: E402
+from beltjax.physics import steady_collocation  # noqa: E402
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
