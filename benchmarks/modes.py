@@ -14,12 +14,11 @@ error or with an error of 0.1 %. In one run, each with its true error against Le
 import argparse
 import os
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the batch shares the cores, not each matrix
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # XLA shares the batch between the cores
 
 import jax
 
 jax.config.update("jax_enable_x64", True)
-jax.config.update("jax_num_cpu_devices", os.cpu_count() or 1)
 
 import time  # noqa: E402
 
@@ -48,23 +47,6 @@ def frequencies(numbers, basis, exact=False):
     return bj.modes(
         linearization(numbers, basis), COUNT, exact=exact, route="hermitian"
     ).frequencies
-
-
-def shared(designs):
-    """The batch, split over the cores."""
-    mesh = jax.make_mesh((len(jax.devices()),), ("designs",))
-    split = jax.sharding.NamedSharding(mesh, jax.sharding.PartitionSpec("designs"))
-    return jax.device_put(designs, split)
-
-
-def over_cores(function):
-    """`function` of one design, for a batch that is split over the cores."""
-    mesh = jax.make_mesh((len(jax.devices()),), ("designs",))
-    part = jax.sharding.PartitionSpec("designs")
-    # Checked by hand: each design is worked on by itself, so nothing is left to verify.
-    return jax.shard_map(
-        jax.vmap(function), mesh=mesh, in_specs=part, out_specs=part, check_vma=False
-    )
 
 
 def companion(lin):
@@ -116,8 +98,8 @@ def growth(batch):
         (SEVEN, FEW),
     ):
         numbers = bj.load_drive(path)
-        designs = shared(varied(numbers, batch, spread=0.01))
-        run, _ = compiled(over_cores(lambda n, b=basis: frequencies(n, b)), designs)
+        designs = varied(numbers, batch, spread=0.01)
+        run, _ = compiled(jax.vmap(lambda n, b=basis: frequencies(n, b)), designs)
         pulleys = len(numbers[0].pulleys)
         rows.append((pulleys, basis.size, 1e3 * best_time(run, designs) / batch))
     return rows
@@ -129,8 +111,8 @@ def main() -> None:
     parser.add_argument("--batch", type=int, default=1000)
     batch = parser.parse_args().batch
     numbers = bj.load_drive(DRIVE)
-    whole = varied(numbers, batch)
-    designs, few = shared(whole), jax.tree.map(lambda x: x[:PEERS], whole)
+    designs = varied(numbers, batch)
+    few = jax.tree.map(lambda x: x[:PEERS], designs)
     fine = jax.jit(jax.vmap(lambda n: frequencies(n, bj.Legendre(48))))(few)
 
     ways = {
@@ -140,7 +122,7 @@ def main() -> None:
     rows, slopes = [], None
     for name, way in ways.items():
         for kind, function in (("", way), (" and slopes", jax.jacrev(way))):
-            run, wait = compiled(over_cores(function), designs)
+            run, wait = compiled(jax.vmap(function), designs)
             wrong = np.max(np.abs(np.asarray(jax.vmap(way)(few)) / fine - 1)) if not kind else None
             cost = best_time(run, designs) / batch
             rows.append(Row(name + kind, batch, wrong, None, wait, cost))
