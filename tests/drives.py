@@ -1,6 +1,7 @@
 """Drives that several tests share."""
 
 from pathlib import Path
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -127,6 +128,28 @@ def flat_numbers(drive, point):
         return eqx.tree_at(lambda dp: list(named_numbers(*dp).values()), (drive, point), parts)
 
     return names, values, put
+
+
+class Slopes(NamedTuple):
+    """Derivatives [answers, numbers] three ways, and each answer's largest in the steps taken."""
+
+    forward: np.ndarray
+    reverse: np.ndarray
+    differences: np.ndarray
+    size: np.ndarray
+
+
+def three_ways(at, values, step):
+    """Slopes of `at` by `values`; differences over five points, `step` relative (0.05 at least)."""
+    forward = np.asarray(jax.jit(jax.jacfwd(at))(values))
+    reverse = np.asarray(jax.jit(jax.jacrev(at))(values))
+    h = step * np.maximum(np.abs(values), 0.05)
+    offsets = np.concatenate([c * np.diag(h) for c in (-2, -1, 1, 2)])
+    m2, m1, p1, p2 = np.split(np.asarray(jax.jit(jax.vmap(at))(values + offsets)), 4)
+    # Five points: the error of the differences is of fourth order in the step.
+    differences = ((m2 - p2) + 8 * (p1 - m1)).T / (12 * h)
+    size = np.max(np.abs(forward) * h, axis=1, keepdims=True) / h
+    return Slopes(forward, reverse, differences, size)
 
 
 def with_inertias(drive, pulley=3e-4, arm=1.2e-3):

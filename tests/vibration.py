@@ -12,7 +12,7 @@ from published import ARM, BETA, RADII, SPANS, prototype
 import beltjax as bj
 from beltjax.physics import span
 from beltjax.physics.steady import exact
-from beltjax.physics.vibration import VibrationModel, assembled
+from beltjax.physics.vibration import VibrationModel, assembled, elongations
 
 MASS = 0.1029  # [kg/m], Table 3.2
 INERTIAS = np.array([0.07248, 0.000293, 0.000293])  # [kg m^2], Table 4.1
@@ -36,10 +36,14 @@ def source_model(eps, s, beta=BETA) -> VibrationModel:
     )  # fmt: skip
 
 
-def held(matrices, spans, driver=0):
+def matrices(model, basis):
+    return assembled(model, basis, elongations(model, basis))
+
+
+def held(whole, spans, driver=0):
     """NumPy copies of M, G, K with the driver's row and column taken out."""
-    place = len(matrices[0]) - 1 - spans + driver
-    return [np.delete(np.delete(np.asarray(m), place, 0), place, 1) for m in matrices]
+    place = len(whole[0]) - 1 - spans + driver
+    return [np.delete(np.delete(np.asarray(m), place, 0), place, 1) for m in whole]
 
 
 def companion_frequencies(M, G, K):
@@ -52,7 +56,7 @@ def companion_frequencies(M, G, K):
 
 
 def source_frequencies(eps, s, basis):
-    return companion_frequencies(*held(assembled(source_model(eps, s), basis), 3))
+    return companion_frequencies(*held(matrices(source_model(eps, s), basis), 3))
 
 
 @functools.cache

@@ -33,5 +33,5 @@ def damping_matrix(linearization: Linearization, damping: Damping) -> Float[Arra
     matrix = damping.stiffness / lin.scales.time * lin.stiffness
     matrix = matrix + modal_damping(lin.mass, lin.stiffness, damping.modal)
     if lin.has_arm and damping.arm:
-        matrix = matrix.at[-1, -1].add(lin.arm_damping)
+        matrix = matrix.at[-1, -1].add(lin.steady.groups.arm_damping)
     return matrix

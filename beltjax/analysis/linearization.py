@@ -6,7 +6,7 @@ from jaxtyping import Array, Float, Int
 
 from beltjax.analysis.steady import SteadyState
 from beltjax.drive.components import Drive
-from beltjax.drive.groups import Groups, Scales
+from beltjax.drive.groups import Scales
 from beltjax.numerics.bases import AbstractBasis, Legendre
 from beltjax.physics import span
 from beltjax.physics.vibration import (
@@ -34,15 +34,22 @@ class Linearization(eqx.Module):
     model: VibrationModel
     pulleys: Int[Array, " turning"]  # places of the pulleys that turn, in the drive's list
     driver: Int[Array, ""]  # place of the driver in that list
-    arm_damping: Float[Array, ""]
-    groups: Groups
-    scales: Scales
     steady: SteadyState
     result: RESULTS
     basis: AbstractBasis
     free: bool = eqx.field(static=True)
     has_arm: bool = eqx.field(static=True)
     mixed: bool = eqx.field(static=True)  # parts of it belong to different steady states
+
+    @property
+    def scales(self) -> Scales:
+        """What lengths, tensions and times are measured in."""
+        return self.steady.scales
+
+    @property
+    def joules(self) -> Float[Array, ""]:
+        """P0 r_t, the unit of energies and moments [J]."""
+        return self.scales.tension * self.model.rho * self.scales.length
 
     @property
     def spans(self) -> int:
@@ -60,6 +67,16 @@ class Linearization(eqx.Module):
         whole = jnp.zeros((*z.shape[:-1], self.spans), z.dtype)
         arm = z[..., -1] if self.has_arm else jnp.zeros(z.shape[:-1], z.dtype)
         return fields, whole.at[..., self.pulleys].set(turning), arm
+
+    def deflection(self, z: Array, i, x: Array, order: int = 0) -> Array:
+        """w_i at x [...] for coordinates z [size], or its derivative of order 1 or 2.
+
+        Both w and x are over the span's own length; the arm's lift is counted.
+        """
+        fields, _, arm = self.split(z)
+        m = self.model
+        lift = (m.w_start[i] + m.a[i] * x, m.a[i], 0.0)[order]
+        return self.basis.values(x, order) @ fields[i] + lift * arm
 
 
 @eqx.filter_jit
@@ -93,7 +110,8 @@ def linearize(
     has_arm = steady.reference.arm_angle is not None
     order, driver = _turning(steady)
     pulleys = order if free else order[1:]
-    whole = assembled(model, basis)
+    d = elongations(model, basis)
+    whole = assembled(model, basis, d)
     n = len(model.lam) * basis.size
     kept = jnp.concatenate([jnp.arange(n), n + pulleys])
     if has_arm:
@@ -104,14 +122,11 @@ def linearize(
         mass=jnp.where(good, whole.mass[at], unit),
         gyroscopic=jnp.where(good, whole.gyroscopic[at], 0.0),
         stiffness=jnp.where(good, whole.stiffness[at], unit),
-        elongations=jnp.where(good, elongations(model, basis)[:, kept], 0.0),
+        elongations=jnp.where(good, d[:, kept], 0.0),
         driving=jnp.where(good, turning_strains(model)[:, driver], 0.0) * (not free),
         model=model,
         pulleys=pulleys,
         driver=driver,
-        arm_damping=steady.groups.arm_damping,
-        groups=steady.groups,
-        scales=steady.scales,
         steady=steady,
         result=result,
         basis=basis,

@@ -18,14 +18,14 @@ from beltjax.numerics.gyroscopic import (
     eigenvectors,
     general_modes,
     hermitian_modes,
+    repeated,
 )
 from beltjax.physics.exact_vibration import Characteristic, characteristic
-from beltjax.physics.vibration import VibrationModel
+from beltjax.physics.vibration import VibrationModel, lift_products
 from beltjax.results import RESULTS, first_failure, frozen_where_failed, succeeded
 
 Route = Literal["auto", "hermitian", "general"]
 
-_SAME = 1e-9  # relative gap between exact frequencies that count as one repeated
 # Kinetic energy of pulleys and arm above which a mode is rotational, below which the spans'.
 _MOSTLY = 0.6
 
@@ -60,7 +60,8 @@ class Modes(eqx.Module):
             raise IndexError(f"mode {k} of {len(self.frequencies)}: modes count from 0.")
         if not 0 <= i < lin.spans:
             raise IndexError(f"span {i} of {lin.spans}: spans count from 0.")
-        return span_deflection(lin, self.coordinates[k], i, jnp.asarray(x))
+        shape = lin.deflection(self.coordinates[k], i, jnp.asarray(x))
+        return shape * lin.model.lam[i] * lin.scales.length
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -80,14 +81,6 @@ def mode_label(rigid: float, spans: list[float]) -> str:
     if spans[largest] > _MOSTLY:
         return f"span {largest}"
     return "spans" if rigid < 1 - _MOSTLY else "coupled"
-
-
-def span_deflection(lin: Linearization, z: Array, i, x: Array) -> Array:
-    """Deflection [m] of span i at x [...] for one vector of coordinates with its lift."""
-    fields, _, arm = lin.split(z)
-    m = lin.model
-    lifted = (m.w_start[i] + m.a[i] * x) * arm
-    return (lin.basis.values(x) @ fields[i] + lifted) * m.lam[i] * lin.scales.length
 
 
 @eqx.filter_jit
@@ -229,9 +222,8 @@ def exact_frequencies(lin: Linearization, found: Found) -> Float[Array, " count"
     wanted = found.definite & succeeded(lin.result)
     args, value = _safe_model(lin, wanted), functools.partial(_value, has_arm=lin.has_arm)
     roots = found.polished.root
-    gaps = jnp.abs(roots[:, None] - roots) + jnp.where(jnp.eye(len(roots)) > 0, jnp.inf, 0.0)
-    repeated = jnp.min(gaps, axis=1) < _SAME * roots
-    exact = jax.vmap(lambda root, two: counted_derivative(value, args, root, two))(roots, repeated)
+    twice = repeated(roots)
+    exact = jax.vmap(lambda root, two: counted_derivative(value, args, root, two))(roots, twice)
     return jnp.where(wanted, exact, found.eigen.values.imag)
 
 
@@ -269,7 +261,7 @@ def described(
     whole = jnp.sum(spans, axis=1) + jnp.sum(pulleys, axis=1) + lever
     whole = jnp.where(whole > 0, whole, 1.0)
     # A shape of unit Hermitian energy stores a quarter of P0 r_t.
-    joule = 2 / jnp.sqrt(lin.scales.tension * m.rho * lin.scales.length)
+    joule = 2 / jnp.sqrt(lin.joules)
     time = lin.scales.time
     return Modes(
         frequencies=dimensionless / time,
@@ -289,11 +281,9 @@ def described(
 
 def _span_squares(lin: Linearization, fields, arm, of: Products) -> Float[Array, "count spans"]:
     """Integrals of |w|^2 over each span, lift included."""
-    m = lin.model
+    lift, square = lift_products(lin.model, of)
     own = jnp.einsum("ksa,ab,ksb->ks", jnp.conj(fields), of.value, fields).real
-    lift = m.w_start[:, None] * of.mean + m.a[:, None] * of.first
     cross = jnp.einsum("ksa,sa->ks", jnp.conj(fields), lift) * arm[:, None]
-    square = m.w_start**2 + m.w_start * m.a + m.a**2 / 3
     return own + 2 * cross.real + square * (jnp.abs(arm) ** 2)[:, None]
 
 

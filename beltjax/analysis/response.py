@@ -89,7 +89,7 @@ def frequency_response(
 @eqx.filter_jit
 def _response(lin, frequencies, excitation: Excitation, names, damping, exact: bool) -> Response:
     torques = excitation.on(names) if excitation.torques else jnp.zeros(lin.spans, complex)
-    forces = torques / (lin.scales.tension * lin.model.rho * lin.scales.length)
+    forces = torques / lin.joules
     omega = frequencies * lin.scales.time
     solve = _exactly if exact else _by_basis
     fields = jax.vmap(lambda w: solve(lin, w, excitation.crank, forces, damping))(omega)
@@ -124,13 +124,8 @@ def _by_basis(lin: Linearization, omega, crank, forces, damping: Damping):
     load = load.at[n : n + len(lin.pulleys)].add(forces[lin.pulleys])
     z = jnp.linalg.solve(pencil, load)
     strains = lin.elongations @ z + lin.driving * crank
-    fields, rotations, arm = lin.split(z)
-
-    def deflection(i, x, order):
-        lifted = [lin.model.w_start[i] + lin.model.a[i] * x, lin.model.a[i], 0.0][order]
-        return lin.basis.values(x, order) @ fields[i] + lifted * arm
-
-    peaks = jax.vmap(lambda i: _peak(lambda x, order: deflection(i, x, order)))(
+    _, rotations, arm = lin.split(z)
+    peaks = jax.vmap(lambda i: _peak(lambda x, order: lin.deflection(z, i, x, order)))(
         jnp.arange(lin.spans)
     )
     return z, rotations, arm, strains, peaks
@@ -161,7 +156,7 @@ def _exactly(lin: Linearization, omega, crank, forces, damping: Damping):
     of = span_response(m, omega)
     on_delta, coupling, own = dynamic_stiffness(m, lin.pulleys, lin.has_arm, omega, of)
     if lin.has_arm and damping.arm:
-        own = own.at[-1, -1].add(1j * omega * lin.arm_damping)
+        own = own.at[-1, -1].add(1j * omega * lin.steady.groups.arm_damping)
     whole = jnp.block([[jnp.diag(on_delta) + 0j, coupling], [coupling.conj().T, own]])
     scale = jnp.sqrt(m.ka * m.gam)
     rotors = forces[lin.pulleys]
@@ -172,7 +167,7 @@ def _exactly(lin: Linearization, omega, crank, forces, damping: Damping):
     arm = z[-1] if lin.has_arm else jnp.zeros((), complex)
     rotations = jnp.zeros(lin.spans, complex).at[lin.pulleys].set(turning)
     fine = jnp.linspace(0.0, 1.0, 8 * _POINTS + 1)
-    peaks = jnp.max(_modulus(spans_in_motion(m, omega, delta, arm, fine)), axis=1)
+    peaks = jnp.max(_modulus(spans_in_motion(m, of, delta, arm, fine)), axis=1)
     return None, rotations, arm, delta / scale, peaks
 
 

@@ -1,6 +1,7 @@
 """Sweeps: steady states and modes over the values of one number, each mode followed."""
 
 import dataclasses
+import functools
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -17,7 +18,7 @@ from beltjax.analysis.tracking import Shapes, Veering, linked, tracks, veerings
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.numbers import require_number, unit_of_number, with_number
 from beltjax.numerics.bases import AbstractBasis, Legendre
-from beltjax.numerics.compilation import quickly_compiled
+from beltjax.numerics.compilation import in_chunks, quickly_compiled
 from beltjax.results import RESULTS, explanations, succeeded
 
 if TYPE_CHECKING:
@@ -199,18 +200,11 @@ class _Evaluation(NamedTuple):
     advance: Callable[[str, int, int | None], None]
 
     def __call__(self, stage: str, values: np.ndarray) -> Sample:
-        run = quickly_compiled(_samples)
-        parts = []
-        for start in range(0, len(values), CHUNK):
-            self.advance(stage, start, len(values))
-            chunk = values[start : start + CHUNK]
-            # The last one is filled up with its own last value.
-            full = np.append(chunk, np.full(CHUNK - len(chunk), chunk[-1]))
-            numbers = self.drive, self.point, self.name, jnp.asarray(full)
-            part = jax.device_get(run(*numbers, self.window, self.basis))
-            parts.append(jax.tree.map(lambda x, chunk=chunk: x[: len(chunk)], part))
-        self.advance(stage, len(values), len(values))
-        return jax.tree.map(lambda *x: np.concatenate(x), *parts)
+        def run(chunk):
+            numbers = self.drive, self.point, self.name, jnp.asarray(chunk)
+            return quickly_compiled(_samples)(*numbers, self.window, self.basis)
+
+        return in_chunks(run, values, CHUNK, functools.partial(self.advance, stage))
 
 
 def _samples(drive, point, name: str, values, window: int, basis) -> Sample:

@@ -140,7 +140,12 @@ def save_drive(path: str | os.PathLike[str], drive: Drive, point: OperatingPoint
 
     All numbers are SI. The file is written in one move: it is complete or absent.
     """
-    write_whole(path, tomli_w.dumps(drive_content(drive, point)).encode())
+    write_whole(path, drive_bytes(drive, point))
+
+
+def drive_bytes(drive: Drive, point: OperatingPoint) -> bytes:
+    """What `save_drive` writes."""
+    return tomli_w.dumps(drive_content(drive, point)).encode()
 
 
 def drive_content(drive: Drive, point: OperatingPoint) -> dict[str, Any]:

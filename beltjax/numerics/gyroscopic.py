@@ -65,6 +65,13 @@ def hermitian_modes(
     return Eigen(1j * omega, vectors, vectors, never, never), definite
 
 
+def repeated(values: Array) -> Bool[Array, " count"]:
+    """Which of some eigenvalues or frequencies have another one at the same place."""
+    apart = jnp.where(jnp.eye(len(values)) > 0, jnp.inf, 0.0)
+    gaps = jnp.abs(values[:, None] - values) + apart
+    return jnp.min(gaps, axis=1) <= _REPEATED * jnp.abs(values)
+
+
 def _after(value: Array, earlier: Array) -> Array:
     """`value`, which is not ready before `earlier` is."""
     number = jnp.ravel(earlier)[0].real
@@ -179,8 +186,6 @@ def eigenvectors(M: Matrix, C: Matrix, K: Matrix, values: Array, vectors: Vector
 def _eigenvectors_jvp(primals, tangents):
     M, C, K, values, vectors = primals
     dM, dC, dK = tangents[:3]
-    gaps = jnp.abs(values[:, None] - values) + jnp.where(jnp.eye(len(values)) > 0, jnp.inf, 0.0)
-    simple = jnp.min(gaps, axis=1) > _REPEATED * jnp.abs(values)
 
     def moved(value, v):
         pencil = value**2 * M + value * C + K
@@ -201,7 +206,7 @@ def _eigenvectors_jvp(primals, tangents):
         total = (v.conj() @ (square * M + K) @ v).real
         return dv - (energy / (2 * total) + 1j * turn) * v
 
-    return vectors, jnp.where(simple[:, None], jax.vmap(moved)(values, vectors), 0.0)
+    return vectors, jnp.where(repeated(values)[:, None], 0.0, jax.vmap(moved)(values, vectors))
 
 
 def modal_damping(M: Matrix, K: Matrix, ratio: Float[Array, ""]) -> Matrix:

@@ -32,7 +32,7 @@ ComplexSpans = Complex[Array, " spans"]
 _LEAST_STIFFNESS = 1e-30  # below it a span is a string to rounding
 
 
-class _Waves(NamedTuple):
+class SpanWaves(NamedTuple):
     """A span's waves and layers at one frequency; a trailing axis of 4 runs over the waves."""
 
     r: Complex[Array, "spans 4"]
@@ -49,7 +49,8 @@ class _Waves(NamedTuple):
 class SpanResponse(NamedTuple):
     """Closed-form answer of each span to w(0), w(1) and delta, each in turn 1 (last axis: 3)."""
 
-    waves: Complex[Array, "spans 4 3"]  # amplitudes of the four waves
+    waves: SpanWaves
+    amplitudes: Complex[Array, "spans 4 3"]  # of the four waves
     forces: Complex[Array, "spans 3 3"]  # Hermitian: on w(0), on w(1), on delta
     held: Spans  # vanishes at the frequencies of the span with both ends held
     below: Int[Array, " spans"]  # how many of those lie below omega
@@ -62,7 +63,7 @@ class Characteristic(NamedTuple):
     below: Int[Array, ""]  # number of frequencies of the drive below omega
 
 
-def _span_waves(m: VibrationModel, omega: Scalar) -> _Waves:
+def _span_waves(m: VibrationModel, omega: Scalar) -> SpanWaves:
     B, c = _operator(m)
     inertia = m.lam**2
     r1, r2, r3, r4 = wave_numbers(B, m.Q, c, inertia, omega)
@@ -75,7 +76,7 @@ def _span_waves(m: VibrationModel, omega: Scalar) -> _Waves:
     # The fourth wave is written from x = 1, so that no exponential grows.
     back = jnp.exp(-1j * r[:, 3])
     away = 2j * c * omega * k
-    return _Waves(
+    return SpanWaves(
         r=r,
         start=jnp.stack([one, one, one, back], axis=-1),
         end=jnp.concatenate([phase, one[:, None]], axis=-1),
@@ -121,10 +122,10 @@ def span_response(m: VibrationModel, omega: Scalar) -> SpanResponse:
     ends = jnp.stack([-slope[:, 0], slope[:, 1], jnp.zeros_like(of.k)], axis=-1)
     stretch = m.gam * (ends - moment - on_delta)
     held, below = _held_span(of, determinant)
-    return SpanResponse(amplitudes, jnp.stack([-push, pull, stretch], axis=1), held, below)
+    return SpanResponse(of, amplitudes, jnp.stack([-push, pull, stretch], axis=1), held, below)
 
 
-def _amplitudes(of: _Waves, forced) -> tuple[Array, ComplexSpans]:
+def _amplitudes(of: SpanWaves, forced) -> tuple[Array, ComplexSpans]:
     """Amplitudes of the waves [spans 4 3] by the end conditions, and their determinant.
 
     The two waves that stay at the ends are eliminated by the moments there, which they carry;
@@ -165,7 +166,7 @@ def _amplitudes(of: _Waves, forced) -> tuple[Array, ComplexSpans]:
     return jnp.stack([c1, c2, c3, c4], axis=1), determinant
 
 
-def _steady_slopes(m: VibrationModel, of: _Waves) -> Float[Array, "spans 2"]:
+def _steady_slopes(m: VibrationModel, of: SpanWaves) -> Float[Array, "spans 2"]:
     """w*' at both ends."""
     E = jnp.exp(-of.k)
     middle = m.drop - (m.kap_e - m.kap_s) / of.k**2
@@ -174,7 +175,7 @@ def _steady_slopes(m: VibrationModel, of: _Waves) -> Float[Array, "spans 2"]:
     return jnp.stack([start, end], axis=-1)
 
 
-def _layer_moments(of: _Waves, E: Spans) -> Complex[Array, "spans 4"]:
+def _layer_moments(of: SpanWaves, E: Spans) -> Complex[Array, "spans 4"]:
     """Integral of w*'' with each wave."""
     k, ir = of.k[:, None], 1j * of.r
     forward = _mean_exponential(ir - k)  # of e^{(ir - k) x}, for waves written from x = 0
@@ -197,7 +198,7 @@ def _mean_exponential(a: Array) -> Array:
     return jnp.where(small, series, (jnp.exp(safe) - 1) / safe)
 
 
-def _held_span(of: _Waves, determinant: ComplexSpans) -> tuple[Spans, Int[Array, " spans"]]:
+def _held_span(of: SpanWaves, determinant: ComplexSpans) -> tuple[Spans, Int[Array, " spans"]]:
     """Characteristic function of each span with both ends held, and its zeros below omega.
 
     The closure of the phase, in which the ends' layers do not feel each other, counts up to
@@ -263,16 +264,16 @@ def _pivots(matrix: Complex[Array, "n n"]) -> Float[Array, " n"]:
 
 
 def spans_in_motion(
-    m: VibrationModel, omega: Scalar, delta: Array, thetat: Array, x: Float[Array, " points"]
+    m: VibrationModel, found: SpanResponse, delta: Array, thetat: Array, x: Float[Array, " points"]
 ) -> Complex[Array, "spans points"]:
     """Deflections w of the spans at x for elongations `delta` and the arm's rotation `thetat`.
 
     `delta` is in the measure of `dynamic_stiffness`.
     """
-    of = _span_waves(m, omega)
+    of = found.waves
     delta = delta / jnp.sqrt(m.ka * m.gam)
     given = jnp.stack([m.w_start * thetat, (m.w_start + m.a) * thetat, delta], axis=-1)
-    amplitudes = jnp.einsum("sjc,sc->sj", span_response(m, omega).waves, given)
+    amplitudes = jnp.einsum("sjc,sc->sj", found.amplitudes, given)
     r, k = of.r[:, :, None], of.k[:, None]
     # The fourth wave is written from x = 1.
     fields = jnp.exp(1j * r * jnp.where(jnp.arange(4)[None, :, None] == 3, x - 1, x))

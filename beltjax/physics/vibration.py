@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from beltjax.numerics.bases import AbstractBasis
+from beltjax.numerics.bases import AbstractBasis, Products
 
 Scalar = Float[Array, ""]
 Spans = Float[Array, " spans"]
@@ -97,11 +97,13 @@ def energy(
     return (kinetic + m.J_t * rate.thetat**2) / 2 + coriolis - potential
 
 
-def assembled(model: VibrationModel, basis: AbstractBasis) -> Matrices:
+def assembled(
+    model: VibrationModel, basis: AbstractBasis, d: Float[Array, "spans size"]
+) -> Matrices:
     """M, G and K from each span's own matrices, its lift by the arm, and its stretch.
 
     All that couples the belt to the pulleys is one rank-one term a span: ka gamma d d^T, with
-    d the gradient of the span's elongation.
+    d the gradient of the span's elongation (`elongations`).
     """
     m, of = model, basis.products()
     spans, n = len(m.lam), basis.size
@@ -121,19 +123,24 @@ def assembled(model: VibrationModel, basis: AbstractBasis) -> Matrices:
         whole = jnp.zeros((size, size)).at[: spans * n, arm].set(column)
         return whole.at[arm, : spans * n].set(sign * column)
 
-    lift = m.w_start[:, None] * of.mean + m.a[:, None] * of.first  # <phi, psi>
-    lift2 = m.w_start**2 + m.w_start * m.a + m.a**2 / 3  # <phi, phi>
+    lift, lift2 = lift_products(m, of)
     mass = blocks(weight[:, None, None] * of.value) + lifted(weight[:, None] * lift, 1.0)
     gyroscopic = blocks(2 * drag[:, None, None] * of.skew)
     gyroscopic = gyroscopic + lifted(2 * (drag * m.a)[:, None] * of.mean, -1.0)
     bend = (m.eps / m.lam) ** 2
     own = m.Q[:, None, None] * jnp.eye(n) + bend[:, None, None] * of.curvature
-    d = elongations(m, basis)
     stiffness = blocks(m.ka[:, None, None] * own) + d.T @ ((m.ka * m.gam)[:, None] * d)
 
     turning = jnp.concatenate([jnp.zeros(spans * n), m.J, (m.J_t + jnp.sum(weight * lift2))[None]])
     spring = m.k_s + jnp.sum(m.ka * m.Q * m.a**2)
     return Matrices(mass + jnp.diag(turning), gyroscopic, stiffness.at[arm, arm].add(spring))
+
+
+def lift_products(model: VibrationModel, of: Products) -> tuple[Float[Array, "spans n"], Spans]:
+    """<phi, psi> and <phi, phi> of each span, per radian of the arm."""
+    m = model
+    with_functions = m.w_start[:, None] * of.mean + m.a[:, None] * of.first
+    return with_functions, m.w_start**2 + m.w_start * m.a + m.a**2 / 3
 
 
 def elongations(model: VibrationModel, basis: AbstractBasis) -> Float[Array, "spans size"]:

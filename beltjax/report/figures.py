@@ -13,7 +13,6 @@ from beltjax.analysis.modes import Modes
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.layout import Layout, turned
 from beltjax.report.documents import mode_labels
-from beltjax.writing import write_whole
 
 # Okabe and Ito's palette, which people with any color vision can tell apart.
 BEFORE, AFTER, ARM = "#999999", "#0072B2", "#D55E00"
@@ -159,8 +158,3 @@ def picture_bytes(figure: Figure, path: str | os.PathLike[str]) -> bytes:
     kind = os.path.splitext(os.fspath(path))[1].lstrip(".") or "png"
     figure.savefig(content, format=kind, dpi=150, bbox_inches="tight")
     return content.getvalue()
-
-
-def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
-    """Write a picture in one move: the file is complete or absent."""
-    write_whole(path, picture_bytes(figure, path))

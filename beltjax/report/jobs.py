@@ -10,7 +10,7 @@ from rich.console import RenderableType
 
 from beltjax.analysis.linearization import has_inertias
 from beltjax.analysis.sensitivity import sensitivities
-from beltjax.drive.files import load_drive, save_drive
+from beltjax.drive.files import drive_bytes, load_drive
 from beltjax.errors import FileError
 from beltjax.numerics.bases import Legendre
 from beltjax.report.diagnosis import diagnose
@@ -61,7 +61,7 @@ def study_job(
     drive_path: str | None,
     advance: Callable[[str, int, int | None], None],
 ) -> Report:
-    """Run one study, and write the picture of the layout and, if asked, the optimized drive.
+    """Run one study, with the picture of the layout and, if asked, the optimized drive.
 
     Raises `FileError` for a study that cannot be posed; a study without a solution is a report
     whose `failure` says which limit is missed and by how much.
@@ -81,11 +81,11 @@ def study_job(
         (design.drive, design.steady.reference.layout),
         f"{study.drive.name}: objective {_text(design.initial)} to {_text(design.final)}",
     )
-    figures.save_figure(picture, figure)
+    files = [(figure, figures.picture_bytes(picture, figure))]
     if drive_path and design.success:
-        save_drive(drive_path, design.drive, study.point)
+        files.append((drive_path, drive_bytes(design.drive, study.point)))
     failure = "" if design.success else str(FileError(path, *_missed(design)))
-    return Report(document, design_tables(document, before), failure)
+    return Report(document, design_tables(document, before), failure, tuple(files))
 
 
 def _text(objective: float | None) -> str:

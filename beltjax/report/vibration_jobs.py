@@ -1,12 +1,12 @@
 """What `beltjax sweep` and `beltjax response` do, from a drive file to a report."""
 
 import dataclasses
+import functools
 import importlib
 import os
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -18,7 +18,7 @@ from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.files import load_drive
 from beltjax.drive.numbers import require_number, unit_of_number
 from beltjax.errors import FileError
-from beltjax.numerics.compilation import quickly_compiled
+from beltjax.numerics.compilation import in_chunks, quickly_compiled
 from beltjax.report.jobs import Report
 from beltjax.report.requests import read_amplitude, read_named, read_orders, read_range
 from beltjax.report.vibration import (
@@ -146,17 +146,14 @@ def _commanded(drive: Drive, given: Forcing) -> tuple[float, dict[str, float]]:
 def _responses(
     drive, point, speeds: np.ndarray, excitation, order, damping, advance: Advance
 ) -> Response:
-    """Chunk by chunk, each of the same length, so that one compiles and progress shows."""
-    run = quickly_compiled(_response)
+    """Chunk by chunk, so that progress shows."""
     point = dataclasses.replace(point, excitation=None)  # which is `excitation` by now
-    parts = []
-    for start in range(0, len(speeds), CHUNK):
-        advance("forcing", start, len(speeds))
-        chunk = speeds[start : start + CHUNK]
-        full = np.append(chunk, np.full(CHUNK - len(chunk), chunk[-1]))
-        part = jax.device_get(run(drive, point, jnp.asarray(full), excitation, order, damping))
-        parts.append(jax.tree.map(lambda x, chunk=chunk: x[: len(chunk)], part))
-    return jax.tree.map(lambda *x: np.concatenate(x), *parts)
+
+    def run(chunk):
+        numbers = drive, point, jnp.asarray(chunk), excitation, order, damping
+        return quickly_compiled(_response)(*numbers)
+
+    return in_chunks(run, speeds, CHUNK, functools.partial(advance, "forcing"))
 
 
 def _response(drive, point, speeds, excitation, order, damping) -> Response:

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from drives import example, flat_numbers, held_by_belt
+from drives import example, flat_numbers, held_by_belt, three_ways
 
 import beltjax as bj
 from beltjax.numerics.compilation import quickly_compiled
@@ -29,19 +29,8 @@ def test_forward_reverse_and_differences_agree(name, rule):
     def at(numbers):
         return answers(*put(numbers))
 
-    def batch(numbers):
-        return jax.vmap(at)(numbers)
-
-    forward = quickly_compiled(jax.jacfwd(at))(values)
-    reverse = quickly_compiled(jax.jacrev(at))(values)
-    step = 5e-5 * np.maximum(np.abs(values), 0.05)
-    offsets = np.concatenate([c * np.diag(step) for c in (-2, -1, 1, 2)])
-    m2, m1, p1, p2 = np.split(np.asarray(quickly_compiled(batch)(values + offsets)), 4)
-    # Five points: the error of the differences is of fourth order in the step.
-    differences = ((m2 - p2) + 8 * (p1 - m1)).T / (12 * step)
-
     # Relative to each answer's largest slope, in the steps that were taken.
-    size = np.max(np.abs(forward) * step, axis=1, keepdims=True) / step
+    forward, reverse, differences, size = three_ways(at, values, 5e-5)
     assert np.all(np.isfinite(forward))
     assert np.max(np.abs(forward - reverse) / np.maximum(np.abs(forward), 1e-6 * size)) < 1e-9
     worst = np.abs(forward - differences) / np.maximum(np.abs(forward), 1e-3 * size)

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from drives import at_groups, example, flat_numbers, held_by_belt, vibrating
+from drives import at_groups, example, flat_numbers, held_by_belt, three_ways, vibrating
 
 import beltjax as bj
 from beltjax.analysis.sensitivity import named_numbers, sensitivities
@@ -38,14 +38,8 @@ def test_forward_reverse_and_differences_agree(name, rule, route):
     def at(numbers):
         return frequencies(*put(numbers), *ROUTES[route])
 
-    forward = jax.jit(jax.jacfwd(at))(values)
-    reverse = jax.jit(jax.jacrev(at))(values)
-    step = 2e-5 * np.maximum(np.abs(values), 0.05)
-    offsets = np.concatenate([c * np.diag(step) for c in (-2, -1, 1, 2)])
-    m2, m1, p1, p2 = np.split(np.asarray(jax.jit(jax.vmap(at))(values + offsets)), 4)
-    differences = ((m2 - p2) + 8 * (p1 - m1)).T / (12 * step)
-
-    size = np.max(np.abs(forward) * step, axis=1, keepdims=True) / step
+    # Relative to each answer's largest slope, in the steps that were taken.
+    forward, reverse, differences, size = three_ways(at, values, 2e-5)
     assert np.all(np.isfinite(forward))
     assert np.max(np.abs(forward - reverse) / np.maximum(np.abs(forward), 1e-6 * size)) < 1e-9
     worst = np.abs(forward - differences) / np.maximum(np.abs(forward), 1e-2 * size)

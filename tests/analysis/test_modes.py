@@ -14,6 +14,7 @@ from vibration import (
     companion_frequencies,
     held,
     linearized,
+    matrices,
     solver,
     source_frequencies,
     source_model,
@@ -21,7 +22,6 @@ from vibration import (
 
 import beltjax as bj
 from beltjax.physics.exact_vibration import characteristic, span_response
-from beltjax.physics.vibration import assembled
 
 DRIVES = ["three_pulley", "four_pulley", "seven_pulley"]
 # Figs. 4.2-4.4, string at rest. MODEL.md, section 6, gives 3.5074, 2.9935 and 1.9955 for what the
@@ -54,7 +54,7 @@ def test_captions_follow_from_a_slip_in_the_inertia():
     # To the digits to which the print's rounded inputs fix them: 4.1249 and 3.0951 in MODEL.md.
     model = source_model(0.0, 0.0)
     slipped = model._replace(J=model.J * model.r / model.rho)
-    M, _, K = held(assembled(slipped, bj.Legendre(40)), 3)
+    M, _, K = held(matrices(slipped, bj.Legendre(40)), 3)
     found = np.sqrt(scipy.linalg.eigh(K, M, eigvals_only=True)[:4])
     assert found[1] == pytest.approx(3.0951, abs=1.5e-4)
     assert found[3] == pytest.approx(4.1249, abs=1.5e-4)
@@ -76,9 +76,9 @@ COUNTS = {0.1: (5, 15, 64), 0.04: (7, 24, 105), 0.01: (4, 28, 200)}
 @pytest.mark.parametrize("eps", COUNTS)
 def test_sine_terms_for_an_accuracy(eps):
     model = source_model(eps, 0.0)
-    M, _, K = held(assembled(model, bj.Legendre(64)), 3)
+    M, _, K = held(matrices(model, bj.Legendre(64)), 3)
     converged = np.sqrt(scipy.linalg.eigh(K, M, eigvals_only=True)[:8])
-    sine = held(assembled(model, bj.Sine(202)), 3)
+    sine = held(matrices(model, bj.Sine(202)), 3)
 
     def worst(terms):
         found = sine_frequencies(sine, terms, 202, 3)
@@ -174,7 +174,7 @@ def test_divergence_of_the_string_at_its_critical_speed():
     # MODEL.md, section 2: s_c = 2.3503 for the source's rounded numbers.
     def lowest_stiffness(s):
         model = source_model(0.0, s)
-        K = np.asarray(assembled(model, bj.Sine(40))[2])
+        K = np.asarray(matrices(model, bj.Sine(40))[2])
         K = np.delete(np.delete(K, 120, 0), 120, 1)
         return np.linalg.eigvalsh(K)[0]
 

@@ -3,10 +3,9 @@
 import numpy as np
 import scipy.linalg
 from published import BETA, BETA_INEFFECTIVE
-from vibration import held, source_frequencies, source_model
+from vibration import held, matrices, source_frequencies, source_model
 
 import beltjax as bj
-from beltjax.physics.vibration import assembled
 
 BASIS = bj.Legendre(32)
 
@@ -32,7 +31,7 @@ def test_speed_matters_less_to_a_stiff_belt():
 def rotational_frequency(beta):
     """Frequency of the string's mode in which pulleys and arm move most."""
     model = source_model(0.005, 0.0, beta=beta)
-    M, _, K = held(assembled(model, BASIS), 3)
+    M, _, K = held(matrices(model, BASIS), 3)
     squares, shapes = scipy.linalg.eigh(K, M)
     turning = slice(3 * BASIS.size, None)
     share = np.einsum("ak,ab,bk->k", shapes[turning], M[turning, turning], shapes[turning])

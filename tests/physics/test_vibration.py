@@ -5,9 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from drives import at_groups, vibrating
+from vibration import matrices
 
 import beltjax as bj
-from beltjax.physics.vibration import Motion, assembled, energy
+from beltjax.physics.vibration import Motion, energy
 
 X, W = np.polynomial.legendre.leggauss(40)
 X, W = (X + 1) / 2, W / 2
@@ -55,7 +56,7 @@ def test_matrices_are_the_energys_second_derivatives(name, basis):
     drive, point = at_groups(vibrating(name), 0.03, 0.5)
     steady = bj.steady_state(drive, point)
     model = bj.linearize(steady, basis).model
-    found = assembled(model, basis)
+    found = matrices(model, basis)
     for assembled_matrix, derived in zip(found, by_energy(steady, model, basis), strict=True):
         size = np.abs(derived).max()
         np.testing.assert_allclose(assembled_matrix, derived, rtol=0, atol=1e-12 * size)
