@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 from beltjax.drive.components import BeltGiven, Drive, OperatingPoint, TensionGiven
 from beltjax.drive.layout import Layout, Outline, Path, belt_path, layout, outline
 from beltjax.drive.usable import harmless, usable
-from beltjax.numerics.roots import Search, implicit_root, pair_root
+from beltjax.numerics.roots import Search, implicit_root, system_root
 from beltjax.results import (
     RESULTS,
     first_failure,
@@ -247,7 +247,7 @@ def _search(problem: _Problem, turn: Float[Array, ""]) -> Search:
     # A slack or a tenfold tension may be passed on the way; the arm must not jump.
     largest = jnp.array([LARGEST_TURN, 20.0])
     guess = jnp.stack([turn, jnp.ones(())])
-    found = pair_root(lambda unknown: _residuals(unknown, fixed), guess, largest)
+    found = system_root(lambda unknown: _residuals(unknown, fixed), guess, largest)
     return found._replace(converged=found.converged & jnp.all(jnp.isfinite(found.root)))
 
 

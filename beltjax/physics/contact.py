@@ -1,0 +1,325 @@
+"""Belt and pulleys of a whole drive in contact, along the belt's travel (chapter 5).
+
+Pulleys are numbered in the order in which the belt meets them; span i runs from pulley i to i + 1.
+In any consistent units:
+
+    rho    signed radii, positive where the pulley turns the belt left;   kap   signed curvatures
+    C      P + EI kappa^2/2 of each span;   pull   M/R that each pulley takes: C_i - C_{i-1}
+    P_in, P_out   P = T - G V on a pulley where the belt arrives and leaves
+    g      G V_ref, the momentum flux;   V_ref   speed of the unstretched belt
+    law    0: the source's T = EA e;   1: EA e = T + EI kappa^2/2, which conserves energy
+
+The belt adheres from where it arrives and slips, over `slip`, up to where it leaves. A pulley
+without torque whose wrap would be negative keeps touching at one point, where the belt is less
+curved than the pulley: its unknown w is the wrap where positive, and else the logarithm of the
+curvature over 1/R.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from beltjax.numerics.roots import implicit_root, system_root
+from beltjax.physics.elastica import Span, SpanData, elastica, separatrix
+
+Scalar = Float[Array, ""]
+Pulleys = Float[Array, " n"]
+Spans = Float[Array, " n"]
+
+_STEPS = 60
+
+
+class Motion(NamedTuple):
+    """How the belt moves; which numbers are there says by which rule."""
+
+    m0: Scalar  # mass per unstretched length
+    c: Scalar | None  # V_ref
+    v: Scalar | None  # speed of the driver's surface
+    G: Scalar | None  # mass flow, in place of m0
+
+
+class ContactModel(NamedTuple):
+    """A drive, along the travel of its belt."""
+
+    EI: Scalar
+    EA: Scalar
+    law: Scalar
+    x: Pulleys  # centers, the arm as drawn
+    y: Pulleys
+    rho: Pulleys
+    mu: Pulleys
+    pull: Pulleys  # the driver balances the others
+    driver: Pulleys  # 1 for the driver
+    loaded: Pulleys  # 1 where there is torque, at rest or not
+    carried: Pulleys  # 1 for the tensioner's pulley
+    arm: Float[Array, "2"]  # from pivot to pulley, as drawn
+    k_r: Scalar
+    motion: Motion
+
+
+class Held(NamedTuple):
+    """What an installed belt and spring keep."""
+
+    L0: Scalar  # unstretched length
+    wind_up: Scalar  # of the spring, with the arm as drawn
+
+
+class Unknown(NamedTuple):
+    """What the equations of contact are solved for."""
+
+    w: Pulleys
+    level: Scalar  # log of the least C above what the pulleys' curvatures take
+    turn: Scalar  # of the arm from where it is drawn
+    scale: Scalar  # log of the factor on all torques
+
+
+class Loop(NamedTuple):
+    """All spans and pulleys for given unknowns."""
+
+    spans: Span  # each leaf [n]
+    C: Spans
+    kap: Pulleys
+    wrap: Pulleys
+    slip: Pulleys
+    P_in: Pulleys
+    P_out: Pulleys
+    g: Scalar
+    V_ref: Scalar
+    unstretched: Spans  # lengths of the spans
+    on_pulleys: Pulleys  # unstretched lengths
+    moment: Scalar  # of the belt on the arm
+
+
+def joined(unknown: Unknown, model: ContactModel) -> Loop:
+    """The belt for given unknowns; what is left of its equations is `balance`'s."""
+    mod = model
+    kap = jnp.exp(jnp.minimum(unknown.w, 0.0) * (1 - mod.loaded)) / mod.rho
+    data, across, up = _span_data(unknown, kap, model)
+    C, d = data.C, data.d
+    spans = jax.vmap(elastica)(data)
+    bent = mod.EI * kap**2 / 2
+    P_in, P_out = _preceding(C) - bent, C - bent
+    V_ref, g = motion(P_in, bent, model)
+    slip = jnp.abs(jnp.log(_positive(P_out) / _positive(P_in))) / mod.mu
+    wrap = _wraps(spans, across, up, d, model)
+    touching = jnp.maximum(unknown.w, 0.0)
+    force_x = spans.F * (across * jnp.cos(spans.phi) - up * jnp.sin(spans.phi)) / d
+    force_y = spans.F * (across * jnp.sin(spans.phi) + up * jnp.cos(spans.phi)) / d
+    arm_x, arm_y = _turned(mod.arm, unknown.turn)
+    pull_x, pull_y = force_x - _preceding(force_x), force_y - _preceding(force_y)
+    J = spans.J + mod.law * (spans.L / (mod.EA + C) - spans.J)
+    return Loop(
+        spans=spans,
+        C=C,
+        kap=kap,
+        wrap=wrap,
+        slip=slip,
+        P_in=P_in,
+        P_out=P_out,
+        g=g,
+        V_ref=V_ref,
+        unstretched=(mod.EA - g) * J,
+        on_pulleys=_on_pulleys(touching - slip, P_in, P_out, mod.law * bent, g, model),
+        moment=mod.carried @ (arm_x * pull_y - arm_y * pull_x),
+    )
+
+
+def _following(values: Array) -> Array:
+    return jnp.roll(values, -1)
+
+
+def _preceding(values: Array) -> Array:
+    return jnp.roll(values, 1)
+
+
+def _positive(P: Array) -> Array:
+    return jnp.maximum(P, 1e-12)
+
+
+def _turned(arm, turn):
+    cos, sin = jnp.cos(turn), jnp.sin(turn)
+    return cos * arm[0] - sin * arm[1], sin * arm[0] + cos * arm[1]
+
+
+def _centers(turn, model: ContactModel):
+    arm_x, arm_y = _turned(model.arm, turn)
+    moved_x, moved_y = arm_x - model.arm[0], arm_y - model.arm[1]
+    return model.x + model.carried * moved_x, model.y + model.carried * moved_y
+
+
+def _span_data(unknown: Unknown, kap: Pulleys, model: ContactModel):
+    """What each span is asked for, with the components of its line of centers."""
+    x, y = _centers(unknown.turn, model)
+    across, up = _following(x) - x, _following(y) - y
+    d = jnp.sqrt(across**2 + up**2)
+    EI, EA = model.EI * jnp.ones_like(d), model.EA * jnp.ones_like(d)
+    C = _tensions(unknown, kap, model)
+    data = SpanData(C, EI, EA, d, model.rho, _following(model.rho), kap, _following(kap))
+    return data, across, up
+
+
+def _tensions(unknown: Unknown, kap: Pulleys, model: ContactModel) -> Spans:
+    """C of each span: steps of M/R from one to the next, all above EI kappa^2/2 at both ends."""
+    offsets = jnp.cumsum(model.pull) * jnp.exp(unknown.scale)
+    taken = model.EI * jnp.maximum(kap**2, _following(kap) ** 2) / 2
+    return jnp.max(taken - offsets) + jnp.exp(unknown.level) + offsets
+
+
+def motion(P_in: Pulleys, bent: Pulleys, model: ContactModel) -> tuple[Scalar, Scalar]:
+    """V_ref and g = G V_ref; the driver's surface runs as fast as the belt that arrives there."""
+    m0, c, v, G = model.motion
+    if c is not None:
+        return c, m0 * c**2
+    assert v is not None  # one of the two speeds is given
+    stiff = model.EA + model.driver @ (P_in + model.law * bent)  # (EA - g) V/V_ref
+    if G is not None:
+        V_ref = v * model.EA / (stiff + G * v)
+        return V_ref, G * V_ref
+    root = jnp.sqrt(stiff**2 + 4 * m0 * v**2 * model.EA)
+    V_ref = 2 * v * model.EA / (stiff + root)
+    return V_ref, m0 * V_ref**2
+
+
+def inclinations(spans: Span, model: ContactModel) -> tuple[Spans, Spans]:
+    """Directions of the belt at the spans' starts and ends, from the lines of centers."""
+    turn = jnp.sign(model.rho)
+    return spans.phi - 2 * turn * spans.u_i, spans.phi + 2 * _following(turn) * spans.u_j
+
+
+def _wraps(spans: Span, across, up, d, model: ContactModel) -> Pulleys:
+    """Angles by which the pulleys turn the belt; negative where it would have to bend back.
+
+    Told from a full turn less by the angles of a string, which lie in (-90, 270) degrees.
+    """
+    cos, sin = across / d, up / d
+    rise = jnp.clip((model.rho - _following(model.rho)) / d, -1.0, 1.0)
+    run = jnp.sqrt(jnp.maximum(1 - rise**2, 1e-12))
+    along_x, along_y = cos * run - sin * rise, sin * run + cos * rise
+    before_x, before_y = _preceding(along_x), _preceding(along_y)
+    turn = jnp.sign(model.rho)
+    straight = turn * jnp.arctan2(
+        before_x * along_y - before_y * along_x, before_x * along_x + before_y * along_y
+    )
+    straight = jnp.where(straight < -jnp.pi / 2, straight + 2 * jnp.pi, straight)
+    string = jnp.arctan2(rise, run)
+    start, end = inclinations(spans, model)
+    return straight + turn * ((start - string) - _preceding(end - string))
+
+
+def _on_pulleys(adhesion, P_in, P_out, bent, g, model: ContactModel) -> Pulleys:
+    """Unstretched lengths of the arcs of adhesion and of slip (5.26)."""
+    R, stiff = jnp.abs(model.rho), model.EA + bent
+    high = _positive(jnp.maximum(P_in, P_out))
+    low = _positive(jnp.minimum(P_in, P_out))
+    slipping = jnp.log(high / low * (stiff + low) / (stiff + high)) / (model.mu * stiff)
+    return (model.EA - g) * R * (adhesion / (stiff + P_in) + slipping)
+
+
+def _contacts(unknown: Unknown, loop: Loop) -> Pulleys:
+    """Zero where w is the wrap, or the wrap is zero and w what is left of the curvature."""
+    return loop.wrap - jnp.maximum(unknown.w, 0.0)
+
+
+def _length(loop: Loop) -> Scalar:
+    return jnp.sum(loop.unstretched + loop.on_pulleys)
+
+
+def at_rest(model: ContactModel) -> ContactModel:
+    """The same drive without torques and standing still."""
+    nothing = jnp.zeros_like(model.EI)
+    still = Motion(model.motion.m0, nothing, None, None)
+    return model._replace(pull=0 * model.pull, motion=still)
+
+
+class Task(NamedTuple):
+    """Which equations of contact are to be met; data, so that one compiled search does for all."""
+
+    resting: Scalar  # 1: find the belt for `tension` and the arm as drawn; 0: the belt is `held`
+    maximum: Scalar  # 1: torques scaled until a first pulley slips fully; 0: torques as they are
+    tension: Scalar  # mean over the spans of the tension at half the arc length
+    held: Held
+
+
+class Solved(NamedTuple):
+    """Where the equations of contact are met, and the belt there."""
+
+    unknown: Unknown
+    loop: Loop
+    held: Held
+    converged: Bool[Array, ""]
+    residual: Scalar
+    steps: Int[Array, ""]
+
+
+def solve(model: ContactModel, task: Task, start: Unknown) -> Solved:
+    """The belt that meets the task, searched from a start that `likely` gives.
+
+    One square system in every unknown but the spans' own shapes, which `elastica` eliminates
+    exactly; differentiated at its root.
+    """
+    args = model, task
+    fixed, guess = jax.lax.stop_gradient((args, _packed(start)))
+    found = system_root(
+        lambda x: _equations(x, fixed), guess, _largest_steps(guess), max_steps=_STEPS
+    )
+    unknown = _unpacked(implicit_root(_equations, args, found.root))
+    loop = joined(unknown, model)
+    resting = task.resting > 0
+    found_here = Held(_length(loop), loop.moment / model.k_r - unknown.turn)
+    held = jax.tree.map(lambda a, b: jnp.where(resting, a, b), found_here, task.held)
+    residual = jnp.max(jnp.abs(found.residual))
+    return Solved(unknown, loop, held, found.converged, residual, found.steps)
+
+
+def likely(C: Scalar, turn: Scalar, scale: Scalar, model: ContactModel) -> Unknown:
+    """A start for `solve`: C mean over the spans, wraps of long spans."""
+    offsets = jnp.exp(scale) * jnp.cumsum(model.pull)
+    taken = jnp.max(model.EI / model.rho**2 / 2)
+    spare = C - taken - (jnp.mean(offsets) - jnp.min(offsets))
+    level = jnp.log(jnp.maximum(spare, 0.05 * C))
+    unknown = Unknown(jnp.ones_like(model.rho), level, turn, scale)
+    data, across, up = _span_data(unknown, 1 / model.rho, model)
+    wraps = _wraps(jax.vmap(separatrix)(data), across, up, data.d, model)
+    return unknown._replace(w=jnp.maximum(wraps, -0.5))
+
+
+def _packed(unknown: Unknown) -> Array:
+    head = jnp.stack([unknown.level, unknown.turn, unknown.scale])
+    return jnp.concatenate([head, unknown.w])
+
+
+def _unpacked(x: Array) -> Unknown:
+    return Unknown(x[3:], x[0], x[1], x[2])
+
+
+def _largest_steps(x: Array) -> Array:
+    """What the search may change at once: a factor e, 6 degrees, a factor 2, a radian of wrap."""
+    return jnp.concatenate([jnp.array([1.0, 0.1, 0.7]), jnp.ones_like(x[3:])])
+
+
+def _equations(x: Array, args: tuple[ContactModel, Task]) -> Array:
+    """Tension or belt length, the arm, the torques, and each pulley's contact; of order one."""
+    model, task = args
+    unknown = _unpacked(x)
+    loop = joined(unknown, model)
+    size = jnp.mean(loop.C)
+    length = (_length(loop) / task.held.L0 - 1) * model.EA / size
+    # At rest T = P; whichever the law, nothing else is bent there.
+    tension = jnp.mean(loop.spans.P_mid) / task.tension - 1
+    spring = model.k_r * (task.held.wind_up + unknown.turn)
+    moment = (loop.moment - spring) / (size * jnp.sqrt(jnp.sum(model.arm**2)))
+    spare = jnp.min(jnp.where(model.loaded > 0, loop.wrap - loop.slip, jnp.inf))
+    head = [
+        jnp.where(task.resting > 0, tension, length),
+        jnp.where(task.resting > 0, unknown.turn, moment),
+        jnp.where(task.maximum > 0, spare, unknown.scale),
+    ]
+    # Zero where w is the wrap, or where the wrap is zero and w what is left of the curvature.
+    contacts = loop.wrap - jnp.maximum(unknown.w, 0.0)
+    return jnp.concatenate([jnp.stack(head), contacts])
+
+
+def _length(loop: Loop) -> Scalar:
+    return jnp.sum(loop.unstretched + loop.on_pulleys)
