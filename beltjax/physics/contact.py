@@ -82,6 +82,7 @@ class Loop(NamedTuple):
     C: Spans
     kap: Pulleys
     wrap: Pulleys
+    touching: Pulleys  # the wrap, or zero where it would be negative
     slip: Pulleys
     P_in: Pulleys
     P_out: Pulleys
@@ -115,6 +116,7 @@ def joined(unknown: Unknown, model: ContactModel) -> Loop:
         C=C,
         kap=kap,
         wrap=wrap,
+        touching=touching,
         slip=slip,
         P_in=P_in,
         P_out=P_out,
@@ -182,6 +184,33 @@ def motion(P_in: Pulleys, bent: Pulleys, model: ContactModel) -> tuple[Scalar, S
     return V_ref, m0 * V_ref**2
 
 
+def tension(P: Array, bent: Array, loop: Loop, model: ContactModel) -> Array:
+    """T = P + G V where `bent` is EI kappa^2/2; rows are spans."""
+    stored = model.law * bent
+    return model.EA * (P + stored + loop.g) / (model.EA - loop.g) - stored
+
+
+def speed(P: Array, bent: Array, loop: Loop, model: ContactModel) -> Array:
+    """V of the stretched belt."""
+    return loop.V_ref * (model.EA + P + model.law * bent) / (model.EA - loop.g)
+
+
+def mass_flow(loop: Loop, model: ContactModel) -> Scalar:
+    """G, given or of the belt's mass and speed."""
+    return model.motion.m0 * loop.V_ref if model.motion.G is None else model.motion.G
+
+
+def efficiency(loop: Loop, model: ContactModel) -> Scalar:
+    """Power that the accessories take over the driver's; 1 where there is none.
+
+    A ratio of the belt's stretches, so that it exists for a belt that stands still.
+    """
+    stretch = model.EA + loop.P_in + model.law * model.EI * loop.kap**2 / 2
+    given = -model.driver @ (model.pull * stretch)
+    taken = (1 - model.driver) @ (model.pull * stretch)
+    return jnp.where(given == 0, 1.0, taken / jnp.where(given == 0, 1.0, given))
+
+
 def inclinations(spans: Span, model: ContactModel) -> tuple[Spans, Spans]:
     """Directions of the belt at the spans' starts and ends, from the lines of centers."""
     turn = jnp.sign(model.rho)
@@ -228,9 +257,9 @@ def _length(loop: Loop) -> Scalar:
 
 def at_rest(model: ContactModel) -> ContactModel:
     """The same drive without torques and standing still."""
-    nothing = jnp.zeros_like(model.EI)
-    still = Motion(model.motion.m0, nothing, None, None)
-    return model._replace(pull=0 * model.pull, motion=still)
+    still = jax.tree.map(jnp.zeros_like, model.motion)._replace(m0=model.motion.m0)
+    nothing = jnp.zeros_like(model.pull)
+    return model._replace(pull=nothing, loaded=nothing, motion=still)
 
 
 class Task(NamedTuple):
@@ -261,16 +290,18 @@ def solve(model: ContactModel, task: Task, start: Unknown) -> Solved:
     """
     args = model, task
     fixed, guess = jax.lax.stop_gradient((args, _packed(start)))
-    found = system_root(
-        lambda x: _equations(x, fixed), guess, _largest_steps(guess), max_steps=_STEPS
-    )
-    unknown = _unpacked(implicit_root(_equations, args, found.root))
+    largest = jnp.concatenate([jnp.array([1.0, 0.1, 0.7]), jnp.ones_like(start.w)])
+    found = system_root(lambda x: _equations(x, fixed), guess, largest, max_steps=_STEPS)
+    converged = found.converged & jnp.all(jnp.isfinite(found.root))
+    # Where no root was found the start keeps all numbers finite.
+    unknown = _unpacked(implicit_root(_equations, args, jnp.where(converged, found.root, guess)))
     loop = joined(unknown, model)
+    converged = converged & jnp.all(loop.spans.converged)
     resting = task.resting > 0
     found_here = Held(_length(loop), loop.moment / model.k_r - unknown.turn)
     held = jax.tree.map(lambda a, b: jnp.where(resting, a, b), found_here, task.held)
     residual = jnp.max(jnp.abs(found.residual))
-    return Solved(unknown, loop, held, found.converged, residual, found.steps)
+    return Solved(unknown, loop, held, converged, residual, found.steps)
 
 
 def likely(C: Scalar, turn: Scalar, scale: Scalar, model: ContactModel) -> Unknown:
@@ -292,11 +323,6 @@ def _packed(unknown: Unknown) -> Array:
 
 def _unpacked(x: Array) -> Unknown:
     return Unknown(x[3:], x[0], x[1], x[2])
-
-
-def _largest_steps(x: Array) -> Array:
-    """What the search may change at once: a factor e, 6 degrees, a factor 2, a radian of wrap."""
-    return jnp.concatenate([jnp.array([1.0, 0.1, 0.7]), jnp.ones_like(x[3:])])
 
 
 def _equations(x: Array, args: tuple[ContactModel, Task]) -> Array:

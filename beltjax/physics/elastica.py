@@ -82,7 +82,7 @@ def elastica(span: SpanData) -> Span:
     (2003), eqs. (5.9), (5.16)-(5.21) with contact as a vector condition; MODEL.md, section 4.
     """
     limit = separatrix(span)
-    long = jax.lax.stop_gradient(limit.L > LONG * _layer(span))
+    long = jax.lax.stop_gradient(LONG * _layer(span) < limit.L)
     bent = _bent(_replaced(long, _HARMLESS, span))
     return jax.tree.map(lambda a, b: jnp.where(long, a, b), limit, bent)
 
@@ -95,7 +95,7 @@ def _replaced(flag: Bool[Array, ""], spare: SpanData, span: SpanData) -> SpanDat
 
 
 def _layer(span: SpanData) -> Scalar:
-    """ell = sqrt(EI/C), the length of the bent ends; its slope at EI = 0 is taken as 0, not inf."""
+    """Ell = sqrt(EI/C), the length of the bent ends; its slope at EI = 0 is taken as 0, not inf."""
     ratio = span.EI / span.C
     bent = ratio > 0
     return jnp.where(bent, jnp.sqrt(jnp.where(bent, ratio, 1.0)), 0.0)
@@ -251,7 +251,7 @@ def _bent(span: SpanData) -> Span:
 
 
 def curvature(ends: Ends, s: Scalar, span: SpanData) -> Scalar:
-    """kappa at the arc length s from the point of least |kappa|, towards the span's end."""
+    """Kappa at the arc length s from the point of least |kappa|, towards the span's end."""
     same = span.kap_i * span.kap_j > 0
     b, q = 4 * ends.F / span.EI, ends.q
     m = jnp.where(same, q / (q + b), -q / b)  # 1 - the parameter
