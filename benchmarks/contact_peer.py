@@ -18,6 +18,7 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid, solve_bvp
 from scipy.optimize import brentq, root
 
+COLUMNS = ("length", "compliance", "start", "middle", "end", "angle_start", "angle_end")
 ABSCISSAS, WEIGHTS = np.polynomial.legendre.leggauss(24)
 MAX_NODES = 20_000  # of a span
 START = 120  # nodes of a first mesh, about
@@ -25,7 +26,7 @@ NUDGE = 1e-4  # difference for the arm's derivatives, relative
 TRIES = 60  # steps of a search for a bracket
 
 
-class Unsolved(RuntimeError):
+class UnsolvedError(RuntimeError):
     """A span, a bracket or an arm angle was not found."""
 
 
@@ -121,7 +122,8 @@ def string_span(tension: float, rho_start: float, rho_end: float, d: float, EA: 
     angle = -np.arcsin((rho_end - rho_start) / d)
     length = d * np.cos(angle)
     force = tension * np.array([np.cos(angle), np.sin(angle)])
-    return Span(length, length / (EA + tension), *[tension] * 3, angle, angle, force)
+    compliance = length / (EA + tension)
+    return Span(length, compliance, tension, tension, tension, angle, angle, force)
 
 
 def first_shape(tension: float, EI: float, rho_start: float, rho_end: float, d: float):
@@ -191,12 +193,14 @@ class StandardForm(NamedTuple):
         return found.success and found.y[6, 0] > 0, found.x, S[:, None] * found.y, middle
 
     def rhs(self, _, y):
+        """(5.16), (5.18), (5.19) and the elongation."""
         p, k, q, th, _, _, L, _ = y
         strain = p * self.EI / L**2 / self.EA
         slope = strain / (1 + strain) * self.EA / self.tension
         return np.array([-k * q, q, p * k, k, np.cos(th), np.sin(th), 0 * L, slope])
 
     def rhs_slope(self, _, y):
+        """Derivative of `rhs` [8, 8, m]."""
         p, k, q, th, _, _, L, _ = y
         strain = p * self.EI / L**2 / self.EA
         steep = self.EA / self.tension / (1 + strain) ** 2
@@ -210,6 +214,7 @@ class StandardForm(NamedTuple):
         return A
 
     def bc(self, ya, yb):
+        """(5.17), (5.20) and, as a vector, (5.21)."""
         La, Lb = ya[6] / self.d, yb[6] / self.d
         a, b = self.rho_start / self.d, self.rho_end / self.d
         return np.array(
@@ -226,6 +231,7 @@ class StandardForm(NamedTuple):
         )
 
     def bc_slope(self, ya, yb):
+        """Derivatives of `bc` with respect to both ends."""
         La, Lb = ya[6] / self.d, yb[6] / self.d
         a, b = self.rho_start / self.d, self.rho_end / self.d
         A, B = np.zeros((8, 8)), np.zeros((8, 8))
@@ -254,7 +260,7 @@ def bent_span(
     """The span that begins with P = `tension`, from a span `near` it where there is one."""
     form = StandardForm(tension, EI, rho_start, rho_end, d, EA if np.isfinite(EA) else 1e300)
     starts = [first_shape(tension, EI, rho_start, rho_end, d)]
-    if near is not None and near.mesh is not None:
+    if near is not None and near.mesh is not None and near.states is not None:
         every = -(-near.mesh.size // START)  # thinned: SciPy only ever adds nodes
         keep = np.unique(np.append(np.arange(0, near.mesh.size, every), near.mesh.size - 1))
         starts.insert(0, (near.mesh[keep], near.states[:, keep]))
@@ -262,7 +268,7 @@ def bent_span(
         success, x, y, middle = form.solve(x, y, tol)
         if success:
             return _as_span(form, x, y, middle)
-    raise Unsolved(f"No span that begins with a tension of {tension} N found.")
+    raise UnsolvedError(f"No span that begins with a tension of {tension} N found.")
 
 
 def _as_span(form: StandardForm, x, y, middle) -> Span:
@@ -273,7 +279,7 @@ def _as_span(form: StandardForm, x, y, middle) -> Span:
     c, s = np.cos(start[3]), np.sin(start[3])
     force = np.array([P[0] * c - shear * s, P[0] * s + shear * c])
     compliance = L / form.EA * (1 - form.tension / form.EA * end[7])
-    return Span(L, compliance, *P, start[3], end[3], force, x, y)
+    return Span(L, compliance, P[0], P[1], P[2], start[3], end[3], force, x, y)
 
 
 # One drive with the tension at its driver given.
@@ -318,19 +324,20 @@ class Chain:
             i = (drive.driver + k) % n
             P = P + moments[i] / abs(radii[i])
             ends = radii[i], radii[(i + 1) % n], distances[i]
-            spans[i] = self._span(P, ends, spans[i])
-            P = spans[i].end
+            span = spans[i] = self._span(P, ends, spans[i])
+            P = span.end
         self.spans = spans
         G, V_ref = (0.0, 0.0) if flow is None else flow(tension)
-        return _put_together(drive, spans, lines, moments, (G, V_ref), arm_angle, P - tension)
+        found = [span for span in spans if span is not None]
+        return _put_together(drive, found, lines, moments, (G, V_ref), arm_angle, P - tension)
 
-    def _span(self, P: float, ends, near: Span | None) -> Span:
+    def _span(self, P: float, ends: tuple, near: Span | None) -> Span:
         EI, EA = self.drive.bending_stiffness, self.drive.axial_stiffness
         if P <= 0:
-            raise Unsolved("A span has lost its tension.")
+            raise UnsolvedError("A span has lost its tension.")
         if EI == 0:
-            return string_span(P, *ends, EA)
-        return bent_span(P, EI, *ends, EA=EA, near=near, tol=self.tol)
+            return string_span(P, ends[0], ends[1], ends[2], EA)
+        return bent_span(P, EI, ends[0], ends[1], ends[2], EA=EA, near=near, tol=self.tol)
 
 
 def string_wraps(drive: PeerDrive, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -345,13 +352,13 @@ def string_wraps(drive: PeerDrive, lines: np.ndarray) -> tuple[np.ndarray, np.nd
 def _put_together(drive, spans: list[Span], lines, moments, flow, arm_angle, closure) -> PeerState:
     G, V_ref = flow
     EA, radii = drive.axial_stiffness, np.abs(drive.radii)
-    each = Span(*(np.array(column) for column in list(zip(*spans, strict=True))[:8]), None, None)
+    each = {name: np.array([getattr(span, name) for span in spans]) for name in COLUMNS}
     strained = EA - G * V_ref  # 1 + T/EA = (EA + P)/strained
     tangents, wraps = string_wraps(drive, lines)
-    leaving, entering = each.angle_start - tangents, np.roll(each.angle_end - tangents, 1)
+    leaving, entering = each["angle_start"] - tangents, np.roll(each["angle_end"] - tangents, 1)
     wraps = wraps + np.sign(drive.radii) * (leaving - entering)
 
-    P_in, P_out = np.roll(each.end, 1), each.start
+    P_in, P_out = np.roll(each["end"], 1), each["start"]
     carries = np.asarray(moments) != 0
     rate = np.where(P_out > P_in, 1, -1) * np.asarray(drive.friction, float)
     slip = np.where(carries, np.log(P_out / P_in) / rate, 0.0)
@@ -366,20 +373,20 @@ def _put_together(drive, spans: list[Span], lines, moments, flow, arm_angle, clo
     power = moments * stretch_in / radii
     taken = np.sum(power[others])
     return PeerState(
-        lengths=each.length,
-        unstretched_lengths=strained * each.compliance,
-        tension_start=EA * ((EA + each.start) / strained - 1),
-        tension_middle=EA * ((EA + each.middle) / strained - 1),
-        tension_end=EA * ((EA + each.end) / strained - 1),
-        angle_start=each.angle_start,
-        angle_end=each.angle_end,
+        lengths=each["length"],
+        unstretched_lengths=strained * each["compliance"],
+        tension_start=EA * ((EA + each["start"]) / strained - 1),
+        tension_middle=EA * ((EA + each["middle"]) / strained - 1),
+        tension_end=EA * ((EA + each["end"]) / strained - 1),
+        angle_start=each["angle_start"],
+        angle_end=each["angle_end"],
         wraps=wraps,
         slip=slip,
         adhesion=adhesion,
         moments=moments,
         pulley_speeds=V_ref * stretch_in / radii,
         efficiency=taken / -power[drive.driver] if taken != 0 else np.nan,
-        unstretched_length=strained * float(np.sum(each.compliance) + np.sum(arcs)),
+        unstretched_length=strained * float(np.sum(each["compliance"]) + np.sum(arcs)),
         factor=1.0,
         mass_flow=G,
         reference_speed=V_ref,
@@ -440,7 +447,7 @@ def bracketed(function, guess: float, slope: float, tol: float) -> float:
         b = a + step
         try:
             fb = function(b)
-        except Unsolved:
+        except UnsolvedError:
             step /= 2
             continue
         if fa * fb <= 0:
@@ -448,7 +455,7 @@ def bracketed(function, guess: float, slope: float, tol: float) -> float:
         secant = (b - a) / (fa - fb) * fb if fa != fb else step
         step = np.sign(secant) * np.clip(1.5 * abs(secant), least, 4 * abs(step))
         a, fa = b, fb
-    raise Unsolved("No bracket found.")
+    raise UnsolvedError("No bracket found.")
 
 
 def _brent(function, a, b, tol: float) -> float:
@@ -517,7 +524,8 @@ class Belt:
                 self.free_angle = self.angle - moment / drive.arm.stiffness
         else:
             assert drive.unstretched_length is not None
-            self.length, self.level = drive.unstretched_length, self._first_level()
+            self.length = drive.unstretched_length
+            self.level = self._first_level()
 
     def _first_level(self) -> float:
         """A tension to begin with: of a string, or enough to bend the belt round its pulleys."""
@@ -575,7 +583,7 @@ class Belt:
         start = [self.angle, (self.level - share) / scale]
         found = root(residual, start, tol=self.root_tol, options={"eps": NUDGE**2})
         if not found.success:
-            raise Unsolved(f"Arm: {found.message}")
+            raise UnsolvedError(f"Arm: {found.message}")
         self.angle, P = float(found.x[0]), float(scale * found.x[1])
         self.level = P + share
         return self.chain.state(P, moments, flow=flow, arm_angle=self.angle)
@@ -607,11 +615,11 @@ def maximum_moment(
     for _ in range(TRIES):
         try:
             value = margin(factor)
-        except Unsolved:
+        except UnsolvedError:
             high = (factor, np.nan)
         else:
             low, high = ((factor, value), high) if value >= 0 else (low, (factor, value))
         if low[1] >= 0 and high[1] < 0:
             return belt.running(_brent(margin, low, high, root_tol))
         factor = 1.5 * low[0] if np.isnan(high[0]) else (low[0] + high[0]) / 2
-    raise Unsolved("No factor found at which a pulley slips all round.")
+    raise UnsolvedError("No factor found at which a pulley slips all round.")
