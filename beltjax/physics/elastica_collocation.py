@@ -82,7 +82,7 @@ def span_by_collocation(
 
     From `guess`, or from the string's tangent with its layers. It fails with the results of
     `solve_bvp`: `mesh_exhausted` where `nodes` do not resolve the layers, `newton_failed` far
-    from a solution. Values of a failed span are its guess.
+    from a solution. A failed span holds finite placeholders.
     """
     numbers = tuple(jnp.asarray(x, float) for x in (C, EI, rho_start, rho_end, d))
     C, EI, rho_start, rho_end, d = numbers
