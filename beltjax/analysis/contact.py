@@ -13,6 +13,7 @@ from beltjax.drive.groups import ContactGroups, Scales, TravelOrder, contact_gro
 from beltjax.drive.layout import layout
 from beltjax.drive.usable import harmless, usable
 from beltjax.physics import contact as physics
+from beltjax.physics import contact_search as search
 from beltjax.results import (
     RESULTS,
     first_failure,
@@ -54,7 +55,7 @@ class ContactState(eqx.Module):
     arm_angle: Float[Array, ""] | None  # direction of the arm [rad]
     free_angle: Float[Array, ""] | None
     model: physics.ContactModel  # in the units of `scales`, along the belt's travel
-    solved: physics.Solved
+    solved: search.Solved
     scales: Scales
     error: Float[Array, ""]  # residual of the equations before the last Newton step: an upper bound
     result: RESULTS
@@ -124,7 +125,7 @@ def _solved(drive: Drive, point: OperatingPoint, law, maximum) -> ContactState:
     taken, scalable = _torques(drive, point, start.tension, maximum)
     groups, scales = contact_groups(drive, point, taken, start.tension)
     model = contact_model(groups, law)
-    held = physics.Held(start.length / scales.length, start.wind_up)
+    held = search.Held(start.length / scales.length, start.wind_up)
     rested, solved = _solutions(drive, model, held, start.turn, maximum)
     loop = solved.loop
     travel = jax.lax.stop_gradient(point.travel)
@@ -212,27 +213,27 @@ def contact_model(groups: ContactGroups, law: Float[Array, ""]) -> physics.Conta
     )
 
 
-def _solutions(drive: Drive, model: physics.ContactModel, held: physics.Held, turn, maximum):
+def _solutions(drive: Drive, model: physics.ContactModel, held: search.Held, turn, maximum):
     """Whether the belt was found at rest, and the running belt."""
     one, zero = jnp.ones(()), jnp.zeros(())
     widest = jnp.max(jnp.abs(jnp.cumsum(model.pull)))
     half = jnp.log(0.5 / jnp.where(widest > 0, widest, 1.0))
-    start = physics.likely(one, turn, jnp.where(maximum > 0, half, 0.0), model)
-    running = physics.Task(zero, maximum, one, held)
+    start = search.likely(one, turn, jnp.where(maximum > 0, half, 0.0), model)
+    running = search.Task(zero, maximum, one, held)
     if isinstance(drive.installation, BeltGiven):
-        return jnp.array(True), physics.solve(model, running, start)
-    still = physics.at_rest(model)
-    resting_task = physics.Task(one, zero, one, held)
+        return jnp.array(True), search.solve(model, running, start)
+    still = search.at_rest(model)
+    resting_task = search.Task(one, zero, one, held)
     stages = jax.tree.map(
         lambda a, b: jnp.stack([a, b]),
-        (still, resting_task, physics.likely(one, zero, zero, still)),
+        (still, resting_task, search.likely(one, zero, zero, still)),
         (model, running, start),
     )
 
     # One after the other through one compiled search: the first finds the belt for the second.
     def stage(held, now):
         model, task, start = now
-        solved = physics.solve(model, task._replace(held=held), start)
+        solved = search.solve(model, task._replace(held=held), start)
         return solved.held, solved
 
     _, both = jax.lax.scan(stage, held, stages)
@@ -282,7 +283,7 @@ def _state(drive, travel, scales, model, solved, drawn, result) -> ContactState:
         scales=scales,
         error=solved.residual,
         result=result,
-        stats={"steps": solved.steps},
+        stats={"steps": solved.steps, "load": solved.load},
     )
 
 

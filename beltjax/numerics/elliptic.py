@@ -45,8 +45,8 @@ def carlson(x: Real, y: Real, z: Real, p: Real | None = None) -> Carlson:
     For p no larger than the largest of the others; a larger one would need more duplications.
     """
     third = p is not None
-    start = jnp.broadcast_arrays(x, y, z, p if third else z)
-    delta = (start[3] - x) * (start[3] - y) * (start[3] - z)
+    x, y, z, p = jnp.broadcast_arrays(x, y, z, z if p is None else p)
+    delta = (p - x) * (p - y) * (p - z)
 
     def duplicate(m, now: _Duplicated) -> _Duplicated:
         x, y, z, p, rd, rj = now
@@ -61,8 +61,8 @@ def carlson(x: Real, y: Real, z: Real, p: Real | None = None) -> Carlson:
             p = (p + lam) / 4
         return _Duplicated((x + lam) / 4, (y + lam) / 4, (z + lam) / 4, p, rd, rj)
 
-    nothing = jnp.zeros_like(start[0])
-    start = _Duplicated(*start, nothing, nothing)
+    nothing = jnp.zeros_like(x)
+    start = _Duplicated(x, y, z, p, nothing, nothing)
     x, y, z, p, rd, rj = jax.lax.fori_loop(0, _DUPLICATIONS, duplicate, start)
     weight = 0.25**_DUPLICATIONS
     return Carlson(

@@ -132,6 +132,44 @@ def system_root(
     return Search(jnp.where(done, x + step, x), value, done, steps)
 
 
+def followed_root(
+    residual: Callable[[Vector, Scalar], Vector],
+    guess: Vector,
+    largest_step: Vector,
+    *,
+    smallest_load: float = 1 / 64,
+    max_steps: int = 25,
+) -> tuple[Search, Scalar]:
+    """A root of `residual(x, 1)`: at once if `system_root` finds it, else by following `load`.
+
+    The second argument rises from 0, where `guess` is close to a root, in steps that are halved
+    where the search fails and doubled where it does not; one below `smallest_load` is given up.
+    Gives the load reached too; `steps` counts those of all searches.
+    """
+
+    def body(state):
+        last, load, step, steps = state
+        found = system_root(
+            lambda x: residual(x, load + step), last.root, largest_step, max_steps=max_steps
+        )
+        steps = steps + found.steps
+        good = found.converged & jnp.all(jnp.isfinite(found.root))
+        kept = last._replace(residual=found.residual, converged=jnp.array(False))
+        last = jax.tree.map(lambda a, b: jnp.where(good, a, b), found, kept)
+        load = jnp.where(good, load + step, load)
+        step = jnp.minimum(jnp.where(good, 2 * step, step / 2), 1 - load)
+        return last, load, step, steps
+
+    def unfinished(state):
+        _, load, step, _ = state
+        return (load < 1) & (step >= smallest_load)
+
+    nothing = Search(guess, jnp.zeros_like(guess), jnp.array(False), jnp.array(0))
+    start = (nothing, jnp.zeros(()), jnp.ones(()), jnp.array(0))
+    last, load, _, steps = jax.lax.while_loop(unfinished, body, start)
+    return last._replace(converged=last.converged & (load >= 1), steps=steps), load
+
+
 def implicit_root(residual: Callable[[Array, Any], Array], args: Any, root: Array) -> Array:
     """`root`, a scalar or a vector, differentiated with respect to `args` through `residual`.
 

@@ -19,16 +19,13 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
-from beltjax.numerics.roots import implicit_root, system_root
 from beltjax.physics.elastica import Span, SpanData, elastica, separatrix
 
 Scalar = Float[Array, ""]
 Pulleys = Float[Array, " n"]
 Spans = Float[Array, " n"]
-
-_STEPS = 60
 
 
 class Motion(NamedTuple):
@@ -59,13 +56,6 @@ class ContactModel(NamedTuple):
     motion: Motion
 
 
-class Held(NamedTuple):
-    """What an installed belt and spring keep."""
-
-    L0: Scalar  # unstretched length
-    wind_up: Scalar  # of the spring, with the arm as drawn
-
-
 class Unknown(NamedTuple):
     """What the equations of contact are solved for."""
 
@@ -82,7 +72,7 @@ class Loop(NamedTuple):
     C: Spans
     kap: Pulleys
     wrap: Pulleys
-    touching: Pulleys  # the wrap, or zero where it would be negative
+    touching: Pulleys  # the wrap, by its unknown: zero where a pulley touches at one point
     slip: Pulleys
     P_in: Pulleys
     P_out: Pulleys
@@ -94,7 +84,7 @@ class Loop(NamedTuple):
 
 
 def joined(unknown: Unknown, model: ContactModel) -> Loop:
-    """The belt for given unknowns; what is left of its equations is `balance`'s."""
+    """The belt for given unknowns; `physics.contact_search` finds those that fit."""
     mod = model
     kap = jnp.exp(jnp.minimum(unknown.w, 0.0) * (1 - mod.loaded)) / mod.rho
     data, across, up = _span_data(unknown, kap, model)
@@ -105,7 +95,7 @@ def joined(unknown: Unknown, model: ContactModel) -> Loop:
     V_ref, g = motion(P_in, bent, model)
     slip = jnp.abs(jnp.log(_positive(P_out) / _positive(P_in))) / mod.mu
     wrap = _wraps(spans, across, up, d, model)
-    touching = jnp.maximum(unknown.w, 0.0)
+    touching = jnp.maximum(unknown.w, jnp.where(mod.loaded > 0, unknown.w, 0.0))
     force_x = spans.F * (across * jnp.cos(spans.phi) - up * jnp.sin(spans.phi)) / d
     force_y = spans.F * (across * jnp.sin(spans.phi) + up * jnp.cos(spans.phi)) / d
     arm_x, arm_y = _turned(mod.arm, unknown.turn)
@@ -246,106 +236,7 @@ def _on_pulleys(adhesion, P_in, P_out, bent, g, model: ContactModel) -> Pulleys:
     return (model.EA - g) * R * (adhesion / (stiff + P_in) + slipping)
 
 
-def _contacts(unknown: Unknown, loop: Loop) -> Pulleys:
-    """Zero where w is the wrap, or the wrap is zero and w what is left of the curvature."""
-    return loop.wrap - jnp.maximum(unknown.w, 0.0)
-
-
-def _length(loop: Loop) -> Scalar:
-    return jnp.sum(loop.unstretched + loop.on_pulleys)
-
-
-def at_rest(model: ContactModel) -> ContactModel:
-    """The same drive without torques and standing still."""
-    still = jax.tree.map(jnp.zeros_like, model.motion)._replace(m0=model.motion.m0)
-    nothing = jnp.zeros_like(model.pull)
-    return model._replace(pull=nothing, loaded=nothing, motion=still)
-
-
-class Task(NamedTuple):
-    """Which equations of contact are to be met; data, so that one compiled search does for all."""
-
-    resting: Scalar  # 1: find the belt for `tension` and the arm as drawn; 0: the belt is `held`
-    maximum: Scalar  # 1: torques scaled until a first pulley slips fully; 0: torques as they are
-    tension: Scalar  # mean over the spans of the tension at half the arc length
-    held: Held
-
-
-class Solved(NamedTuple):
-    """Where the equations of contact are met, and the belt there."""
-
-    unknown: Unknown
-    loop: Loop
-    held: Held
-    converged: Bool[Array, ""]
-    residual: Scalar
-    steps: Int[Array, ""]
-
-
-def solve(model: ContactModel, task: Task, start: Unknown) -> Solved:
-    """The belt that meets the task, searched from a start that `likely` gives.
-
-    One square system in every unknown but the spans' own shapes, which `elastica` eliminates
-    exactly; differentiated at its root.
-    """
-    args = model, task
-    fixed, guess = jax.lax.stop_gradient((args, _packed(start)))
-    largest = jnp.concatenate([jnp.array([1.0, 0.1, 0.7]), jnp.ones_like(start.w)])
-    found = system_root(lambda x: _equations(x, fixed), guess, largest, max_steps=_STEPS)
-    converged = found.converged & jnp.all(jnp.isfinite(found.root))
-    # Where no root was found the start keeps all numbers finite.
-    unknown = _unpacked(implicit_root(_equations, args, jnp.where(converged, found.root, guess)))
-    loop = joined(unknown, model)
-    converged = converged & jnp.all(loop.spans.converged)
-    resting = task.resting > 0
-    found_here = Held(_length(loop), loop.moment / model.k_r - unknown.turn)
-    held = jax.tree.map(lambda a, b: jnp.where(resting, a, b), found_here, task.held)
-    residual = jnp.max(jnp.abs(found.residual))
-    return Solved(unknown, loop, held, converged, residual, found.steps)
-
-
-def likely(C: Scalar, turn: Scalar, scale: Scalar, model: ContactModel) -> Unknown:
-    """A start for `solve`: C mean over the spans, wraps of long spans."""
-    offsets = jnp.exp(scale) * jnp.cumsum(model.pull)
-    taken = jnp.max(model.EI / model.rho**2 / 2)
-    spare = C - taken - (jnp.mean(offsets) - jnp.min(offsets))
-    level = jnp.log(jnp.maximum(spare, 0.05 * C))
-    unknown = Unknown(jnp.ones_like(model.rho), level, turn, scale)
+def long_wraps(unknown: Unknown, model: ContactModel) -> Pulleys:
+    """Wraps of spans that are long beside their bent ends."""
     data, across, up = _span_data(unknown, 1 / model.rho, model)
-    wraps = _wraps(jax.vmap(separatrix)(data), across, up, data.d, model)
-    return unknown._replace(w=jnp.maximum(wraps, -0.5))
-
-
-def _packed(unknown: Unknown) -> Array:
-    head = jnp.stack([unknown.level, unknown.turn, unknown.scale])
-    return jnp.concatenate([head, unknown.w])
-
-
-def _unpacked(x: Array) -> Unknown:
-    return Unknown(x[3:], x[0], x[1], x[2])
-
-
-def _equations(x: Array, args: tuple[ContactModel, Task]) -> Array:
-    """Tension or belt length, the arm, the torques, and each pulley's contact; of order one."""
-    model, task = args
-    unknown = _unpacked(x)
-    loop = joined(unknown, model)
-    size = jnp.mean(loop.C)
-    length = (_length(loop) / task.held.L0 - 1) * model.EA / size
-    # At rest T = P; whichever the law, nothing else is bent there.
-    tension = jnp.mean(loop.spans.P_mid) / task.tension - 1
-    spring = model.k_r * (task.held.wind_up + unknown.turn)
-    moment = (loop.moment - spring) / (size * jnp.sqrt(jnp.sum(model.arm**2)))
-    spare = jnp.min(jnp.where(model.loaded > 0, loop.wrap - loop.slip, jnp.inf))
-    head = [
-        jnp.where(task.resting > 0, tension, length),
-        jnp.where(task.resting > 0, unknown.turn, moment),
-        jnp.where(task.maximum > 0, spare, unknown.scale),
-    ]
-    # Zero where w is the wrap, or where the wrap is zero and w what is left of the curvature.
-    contacts = loop.wrap - jnp.maximum(unknown.w, 0.0)
-    return jnp.concatenate([jnp.stack(head), contacts])
-
-
-def _length(loop: Loop) -> Scalar:
-    return jnp.sum(loop.unstretched + loop.on_pulleys)
+    return _wraps(jax.vmap(separatrix)(data), across, up, data.d, model)

@@ -83,15 +83,14 @@ def elastica(span: SpanData) -> Span:
     """
     limit = separatrix(span)
     long = jax.lax.stop_gradient(LONG * _layer(span) < limit.L)
-    bent = _bent(_replaced(long, _HARMLESS, span))
+    # The one not taken must not spoil the other's derivatives.
+    bent = _bent(jax.tree.map(lambda a, b: jnp.where(long, a, b), _harmless(span), span))
     return jax.tree.map(lambda a, b: jnp.where(long, a, b), limit, bent)
 
 
-_HARMLESS = SpanData(1.0, 1.0, 1e3, 10.0, 1.0, 1.0, 1.0, 1.0)
-
-
-def _replaced(flag: Bool[Array, ""], spare: SpanData, span: SpanData) -> SpanData:
-    return jax.tree.map(lambda a, b: jnp.where(flag, a, b), spare, span)
+def _harmless(span: SpanData) -> SpanData:
+    """A span that `_bent` solves at once."""
+    return SpanData(*(jnp.full_like(span.C, x) for x in (1.0, 1.0, 1e3, 10.0, 1.0, 1.0, 1.0, 1.0)))
 
 
 def _layer(span: SpanData) -> Scalar:
