@@ -5,10 +5,11 @@ from typing import Literal, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from beltjax.analysis.reference import LARGEST_STRAIN, beyond_stops, held_by_belt, resting
-from beltjax.drive.components import BeltGiven, Drive, OperatingPoint, TensionGiven
+from beltjax.drive.components import BeltGiven, Drive, OperatingPoint, TensionGiven, concrete
 from beltjax.drive.groups import ContactGroups, Scales, TravelOrder, contact_groups
 from beltjax.drive.layout import layout
 from beltjax.drive.usable import harmless, usable
@@ -54,6 +55,7 @@ class ContactState(eqx.Module):
     torque_factor: Float[Array, ""]  # on the operating point's torques; 1 unless they were scaled
     arm_angle: Float[Array, ""] | None  # direction of the arm [rad]
     free_angle: Float[Array, ""] | None
+    forward: Bool[Array, ""]  # whether the belt runs in the listed order
     model: physics.ContactModel  # in the units of `scales`, along the belt's travel
     solved: search.Solved
     scales: Scales
@@ -103,19 +105,27 @@ def _contact(drive, point, law: Law, maximum: bool, throw: bool) -> ContactState
         raise ValueError(f"law {law!r} is not one of {', '.join(map(repr, LAWS))}.")
     _require_friction(drive, point, maximum)
     # The law and the question are data, so that one compiled program answers them all.
-    found = _solved(drive, point, jnp.asarray(LAWS[law]), jnp.asarray(float(maximum)))
+    found = contact_solution(drive, point, *asked(law, maximum))
     return raise_unless_successful(found, found.result, throw)
 
 
 def _require_friction(drive: Drive, point: OperatingPoint, maximum: bool) -> None:
     alone = len(drive.pulleys) == 2 and maximum
     for pulley in drive.pulleys:
-        if pulley.friction is None and (alone or pulley.name in point.torque):
+        torque = concrete(point.torque.get(pulley.name, jnp.zeros(())))
+        # Torques that are traced may be anything.
+        if pulley.friction is None and (alone or torque is None or np.any(torque)):
             raise ValueError(f"Pulley {pulley.name!r} has torque; contact needs its friction.")
 
 
+def asked(law: Law, maximum: bool) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """The law and the question as `contact_solution` takes them."""
+    return jnp.asarray(LAWS[law]), jnp.asarray(float(maximum))
+
+
 @eqx.filter_jit
-def _solved(drive: Drive, point: OperatingPoint, law, maximum) -> ContactState:
+def contact_solution(drive: Drive, point: OperatingPoint, law, maximum) -> ContactState:
+    """`contact_state` or `maximum_moment`, whose failures are in its result alone."""
     good = usable(drive, point)
     drive, point = harmless(drive, point, good)
     drawn = layout(drive)
@@ -278,6 +288,7 @@ def _state(drive, travel, scales, model, solved, drawn, result) -> ContactState:
         torque_factor=factor,
         arm_angle=None if drive.tensioner is None else drawn + solved.unknown.turn,
         free_angle=None if drive.tensioner is None else drawn - solved.held.wind_up,
+        forward=travel > 0,
         model=model,
         solved=solved,
         scales=scales,

@@ -63,12 +63,13 @@ def carlson(x: Real, y: Real, z: Real, p: Real | None = None) -> Carlson:
 
     nothing = jnp.zeros_like(x)
     start = _Duplicated(x, y, z, p, nothing, nothing)
-    x, y, z, p, rd, rj = jax.lax.fori_loop(0, _DUPLICATIONS, duplicate, start)
+    last = jax.lax.fori_loop(0, _DUPLICATIONS, duplicate, start)
+    x, y, z = last.x, last.y, last.z
     weight = 0.25**_DUPLICATIONS
     return Carlson(
         _first_kind_series(x, y, z),
-        weight * _third_kind_series(x, y, z, z) + 3 * rd,
-        weight * _third_kind_series(x, y, z, p) + 6 * rj if third else nothing,
+        weight * _third_kind_series(x, y, z, z) + 3 * last.rd,
+        weight * _third_kind_series(x, y, z, last.p) + 6 * last.rj if third else nothing,
     )
 
 

@@ -68,7 +68,10 @@ class Unknown(NamedTuple):
 class Loop(NamedTuple):
     """All spans and pulleys for given unknowns."""
 
-    spans: Span  # each leaf [n]
+    data: SpanData  # each leaf [n], as of `spans`
+    spans: Span
+    x: Pulleys  # centers, the arm turned
+    y: Pulleys
     C: Spans
     kap: Pulleys
     wrap: Pulleys
@@ -101,8 +104,12 @@ def joined(unknown: Unknown, model: ContactModel) -> Loop:
     arm_x, arm_y = _turned(mod.arm, unknown.turn)
     pull_x, pull_y = force_x - _preceding(force_x), force_y - _preceding(force_y)
     J = spans.J + mod.law * (spans.L / (mod.EA + C) - spans.J)
+    x, y = _centers(unknown.turn, model)
     return Loop(
+        data=data,
         spans=spans,
+        x=x,
+        y=y,
         C=C,
         kap=kap,
         wrap=wrap,

@@ -21,7 +21,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from beltjax.numerics.elliptic import carlson, jacobi_dn_sd
-from beltjax.numerics.roots import implicit_root, system_root
+from beltjax.numerics.roots import solve_dense, system_root
 
 Scalar = Float[Array, ""]
 Pair = Float[Array, "2"]
@@ -197,11 +197,13 @@ def to_ends(ends: Ends, span: SpanData, third: bool = True) -> Arcs:
     return arcs(ends, kap, jnp.stack([ends.u_i, ends.u_j]), span, third)
 
 
-def _residuals(unknown: Float[Array, "2"], span: SpanData) -> Float[Array, "2"]:
-    """The force's direction and the closure of the span along it."""
-    z, phi = unknown
-    ends = ends_of(z + span.d / _layer(span), span)
-    parts = to_ends(ends, span, third=False)
+def _residuals(unknown: Pair, span: SpanData) -> Pair:
+    """The force's direction and the closure of the span along it, for (z, phi)."""
+    ends = ends_of(unknown[0] + span.d / _layer(span), span)
+    return _unmet(unknown[1], ends, to_ends(ends, span, third=False), span)
+
+
+def _unmet(phi: Scalar, ends: Ends, parts: Arcs, span: SpanData) -> Pair:
     L, I2 = jnp.sum(parts.I0), jnp.sum(parts.I2)
     along = (span.C * L - span.EI * I2 / 2) / ends.F - _sines(span, ends.u_i, ends.u_j)
     return jnp.stack(
@@ -230,11 +232,34 @@ def _bent(span: SpanData) -> Span:
     found = system_root(
         lambda x: _residuals(x, fixed), _start(fixed), jnp.array([1.5, 0.5]), tol=1e-9
     )
-    z, phi = implicit_root(_residuals, span, found.root)
+    return Span(
+        **_at_root(found.root, span)._asdict(),
+        long=jnp.array(False),
+        converged=found.converged,
+        residual=jnp.max(jnp.abs(found.residual)),
+    )
+
+
+class _Shape(NamedTuple):
+    """The numbers of a `Span` that change with what it is asked for."""
+
+    F: Scalar
+    phi: Scalar
+    q: Scalar
+    u_i: Scalar
+    u_j: Scalar
+    L: Scalar
+    J: Scalar
+    P_mid: Scalar
+
+
+def _shape(unknown: Pair, span: SpanData) -> tuple[_Shape, Pair]:
+    """The span of any (z, phi), and what it leaves of its equations."""
+    z, phi = unknown
     ends = ends_of(z + span.d / _layer(span), span)
     parts = to_ends(ends, span)
     middle = curvature(ends, (parts.I0[1] - parts.I0[0]) / 2, span)
-    return Span(
+    shape = _Shape(
         F=ends.F,
         phi=phi,
         q=ends.q,
@@ -243,10 +268,29 @@ def _bent(span: SpanData) -> Span:
         L=jnp.sum(parts.I0),
         J=jnp.sum(parts.J),
         P_mid=span.C - span.EI * middle**2 / 2,
-        long=jnp.array(False),
-        converged=found.converged,
-        residual=jnp.max(jnp.abs(found.residual)),
     )
+    return shape, _unmet(phi, ends, parts, span)
+
+
+@jax.custom_jvp
+def _at_root(root: Pair, span: SpanData) -> _Shape:
+    """The span of a root that was found; its derivative is of the equations, met at every change.
+
+    As `implicit_root` does it, but the equations and the shape they give are linearized together:
+    they share the integrals, whose derivatives are most of what there is to compile.
+    """
+    return _shape(root, span)[0]
+
+
+@_at_root.defjvp
+def _at_root_jvp(primals, tangents):
+    (root, span), (_, change) = primals, tangents
+    (shape, _), push = jax.linearize(_shape, root, span)
+    still = jax.tree.map(jnp.zeros_like, span)
+    by_root, matrix = jax.vmap(lambda t: push(t, still), out_axes=-1)(jnp.eye(2))
+    direct, unmet = push(jnp.zeros(2), change)
+    moved = -solve_dense(matrix, unmet)
+    return shape, jax.tree.map(lambda a, b: a + b @ moved, direct, by_root)
 
 
 def curvature(ends: Ends, s: Scalar, span: SpanData) -> Scalar:
@@ -259,3 +303,30 @@ def curvature(ends: Ends, s: Scalar, span: SpanData) -> Scalar:
     lowest = jnp.sqrt(jnp.where(same, q, 1.0)) / dn
     passing = jnp.sqrt(jnp.where(same, 1.0, -q * (1 + q / b))) * sd
     return jnp.sign(span.kap_j) * jnp.where(same, lowest, passing)
+
+
+def curvature_along(span: Span, data: SpanData, s: Array) -> Array:
+    """Signed curvature at arc lengths s [points] from the span's start."""
+    bent = _bent_curvature(span, data, s)
+    return jnp.where(span.long, _long_curvature(span, data, s), bent)
+
+
+def _bent_curvature(span: Span, data: SpanData, s: Array) -> Array:
+    safe = jax.tree.map(lambda a, b: jnp.where(span.long, a, b), _harmless(data), data)
+    ends = Ends(span.F, jnp.where(span.long, 0.1, span.q), span.u_i, span.u_j)
+    from_least = s - to_ends(ends, safe, third=False).I0[0]
+    return curvature(ends, from_least, safe)
+
+
+def _long_curvature(span: Span, data: SpanData, s: Array) -> Array:
+    """Both bent ends, tan(u/2) falling off from each like e^{-s/ell}."""
+    ell = _layer(data)
+    unbent = ell == 0
+    ell = jnp.where(unbent, 1.0, ell)
+
+    def end(u, kap, away):
+        fallen = 2 * jnp.arctan(jnp.tan(u / 2) * jnp.exp(-away / ell))
+        return jnp.sign(kap) * 2 * jnp.sin(fallen) / ell
+
+    bent = end(span.u_i, data.kap_i, s) + end(span.u_j, data.kap_j, span.L - s)
+    return jnp.where(unbent, 0.0, bent)
