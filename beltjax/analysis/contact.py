@@ -56,6 +56,7 @@ class ContactState(eqx.Module):
     arm_angle: Float[Array, ""] | None  # direction of the arm [rad]
     free_angle: Float[Array, ""] | None
     forward: Bool[Array, ""]  # whether the belt runs in the listed order
+    inside_left: Bool[Array, ""]  # whether the loop's inside is on the left of the running belt
     model: physics.ContactModel  # in the units of `scales`, along the belt's travel
     solved: search.Solved
     scales: Scales
@@ -289,6 +290,7 @@ def _state(drive, travel, scales, model, solved, drawn, result) -> ContactState:
         arm_angle=None if drive.tensioner is None else drawn + solved.unknown.turn,
         free_angle=None if drive.tensioner is None else drawn - solved.held.wind_up,
         forward=travel > 0,
+        inside_left=drive.sense * travel > 0,
         model=model,
         solved=solved,
         scales=scales,

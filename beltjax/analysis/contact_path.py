@@ -118,3 +118,29 @@ def _in_si(piece: BeltPiece, place: int, run: float, state: ContactState) -> Bel
         speed=piece.speed * length / time,
         curvature=piece.curvature / length,
     )
+
+
+def span_deflection(state: ContactState, i: int) -> tuple[np.ndarray, np.ndarray]:
+    """Where span i runs beside its straight tangent: along it from its start, and inwards [m].
+
+    Both in listed order, x = 0 at the tangent point of a string. The stiff belt leaves its pulleys
+    elsewhere: x begins and ends where it does.
+    """
+    piece = next(p for p in belt_pieces(state) if p.zone == "span" and p.place == i)
+    loop, model = state.solved.loop, state.model
+    k = i if bool(state.forward) else (-i - 1) % len(model.rho)
+    after = (k + 1) % len(model.rho)
+    center = np.array([loop.x[k], loop.y[k]])
+    line = np.array([loop.x[after], loop.y[after]]) - center
+    d = float(np.hypot(*line))
+    rise = float(model.rho[k] - model.rho[after]) / d
+    run = np.sqrt(1 - rise**2)
+    along = np.array([line[0] * run - line[1] * rise, line[0] * rise + line[1] * run]) / d
+    left = np.array([-along[1], along[0]])
+    length = float(state.scales.length)
+    offset = piece.positions - length * (center - float(model.rho[k]) * left)
+    x, w = offset @ along, offset @ left
+    inward = w if bool(state.inside_left) else -w
+    if bool(state.forward):
+        return x, inward
+    return d * run * length - x[::-1], inward[::-1]

@@ -1,12 +1,14 @@
 """Pictures of contact: the belt on its pulleys, and its tension and speed along its length."""
 
+import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from beltjax.analysis.contact import ContactState
-from beltjax.analysis.contact_path import BeltPiece, belt_pieces
+from beltjax.analysis.contact_path import BeltPiece, belt_pieces, span_deflection
+from beltjax.analysis.steady import SteadyState
 from beltjax.drive.components import Drive
 from beltjax.report.figures import AFTER, ARM, BEFORE
 
@@ -104,3 +106,33 @@ def _name_places(axes: Axes, drive: Drive, pieces: tuple[BeltPiece, ...]) -> Non
                 parse_math=False,
                 rotation=0 if len(drive.pulleys) < 4 else 30,
             )
+
+
+def two_models_figure(drive: Drive, states: list[tuple[str, ContactState, SteadyState]]) -> Figure:
+    """Each span by both models, one color a state: contact points free, and fixed at a string's.
+
+    Deflections from the straight tangent, enlarged by what the axes' scales say.
+    """
+    spans = len(drive.pulleys)
+    figure = Figure(figsize=(10.0, 2.8 * spans), layout="constrained")
+    FigureCanvasAgg(figure)
+    rows = figure.subplots(spans, 2, squeeze=False, sharey="row")
+    colors = (AFTER, "#009E73", ARM, "#CC79A7", "#56B4E9")
+    x = np.linspace(0.0, 1.0, 201)
+    for i, (free, fixed) in enumerate(rows):
+        for (label, contact, steady), color in zip(states, colors, strict=False):
+            along, w = span_deflection(contact, i)
+            free.plot(1e3 * along, 1e3 * w, color=color, linewidth=1.6, label=label)
+            ends = 1e3 * along[[0, -1]], 1e3 * w[[0, -1]]
+            free.plot(*ends, "o", color=color, markersize=5)
+            length = 1e3 * float(steady.reference.layout.span_lengths[i])
+            shape = length * np.asarray(steady.deflection(i, jnp.asarray(x)))
+            fixed.plot(length * x, shape, color=color, linewidth=1.6, label=label)
+        free.set_ylabel("inward (mm)")
+        free.set_title(f"{drive.span_names[i]}: contact points free", fontsize=10, parse_math=False)
+        fixed.set_title("contact points of a string", fontsize=10)
+        for axes in (free, fixed):
+            axes.grid(linewidth=0.3)
+            axes.set_xlabel("along the span (mm)")
+    rows[0, 1].legend(frameon=False, fontsize=8)
+    return figure
