@@ -140,17 +140,24 @@ def response(
 )
 @_json_option
 @_figure_option
+@click.option("--compare", metavar="FILE.png", help="Spans beside those of fixed contact points.")
 def contact(
-    drive_file: str, maximum: bool, law: Any, json_path: str | None, figure: str | None
+    drive_file: str,
+    maximum: bool,
+    law: Any,
+    json_path: str | None,
+    figure: str | None,
+    compare: str | None,
 ) -> None:
     """Where the belt touches, adheres and slips; tensions, speeds, efficiency."""
-    _check_outputs(drive_file, json_path, figure)
+    _check_outputs(drive_file, json_path, figure, compare)
     _check_picture(figure)
+    _check_picture(compare)
     _prepare_jax()
     with _busy("solving contact; the first run on a machine compiles"):
         from beltjax.report.contact_job import contact_job
 
-        report = contact_job(drive_file, maximum, law, figure)
+        report = contact_job(drive_file, maximum, law, figure, compare)
     _finish(report, json_path)
 
 

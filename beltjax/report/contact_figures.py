@@ -134,5 +134,6 @@ def two_models_figure(drive: Drive, states: list[tuple[str, ContactState, Steady
         for axes in (free, fixed):
             axes.grid(linewidth=0.3)
             axes.set_xlabel("along the span (mm)")
-    rows[0, 1].legend(frameon=False, fontsize=8)
+    if len(states) > 1:
+        rows[0, 1].legend(frameon=False, fontsize=8)
     return figure
