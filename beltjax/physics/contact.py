@@ -21,7 +21,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from beltjax.physics.elastica import Span, SpanData, elastica, separatrix
+from beltjax.physics.elastica import Span, SpanData, separatrix, span_at, span_start
 
 Scalar = Float[Array, ""]
 Pulleys = Float[Array, " n"]
@@ -63,6 +63,7 @@ class Unknown(NamedTuple):
     level: Scalar  # log of the least C above what the pulleys' curvatures take
     turn: Scalar  # of the arm from where it is drawn
     scale: Scalar  # log of the factor on all torques
+    shape: Float[Array, "n 2"]  # (z, phi) of each span, as `span_at` takes them
 
 
 class Loop(NamedTuple):
@@ -70,6 +71,7 @@ class Loop(NamedTuple):
 
     data: SpanData  # each leaf [n], as of `spans`
     spans: Span
+    unmet: Float[Array, "n 2"]  # what the spans leave of their own equations
     x: Pulleys  # centers, the arm turned
     y: Pulleys
     C: Spans
@@ -92,7 +94,7 @@ def joined(unknown: Unknown, model: ContactModel) -> Loop:
     kap = jnp.exp(jnp.minimum(unknown.w, 0.0) * (1 - mod.loaded)) / mod.rho
     data, across, up = _span_data(unknown, kap, model)
     C, d = data.C, data.d
-    spans = jax.vmap(elastica)(data)
+    spans, unmet = jax.vmap(span_at)(unknown.shape, data)
     bent = mod.EI * kap**2 / 2
     P_in, P_out = _preceding(C) - bent, C - bent
     V_ref, g = motion(P_in, bent, model)
@@ -108,6 +110,7 @@ def joined(unknown: Unknown, model: ContactModel) -> Loop:
     return Loop(
         data=data,
         spans=spans,
+        unmet=unmet,
         x=x,
         y=y,
         C=C,
@@ -243,7 +246,8 @@ def _on_pulleys(adhesion, P_in, P_out, bent, g, model: ContactModel) -> Pulleys:
     return (model.EA - g) * R * (adhesion / (stiff + P_in) + slipping)
 
 
-def long_wraps(unknown: Unknown, model: ContactModel) -> Pulleys:
-    """Wraps of spans that are long beside their bent ends."""
+def long_spans(unknown: Unknown, model: ContactModel) -> tuple[Pulleys, Float[Array, "n 2"]]:
+    """Wraps, and starts for the spans, of spans that are long beside their bent ends."""
     data, across, up = _span_data(unknown, 1 / model.rho, model)
-    return _wraps(jax.vmap(separatrix)(data), across, up, data.d, model)
+    wraps = _wraps(jax.vmap(separatrix)(data), across, up, data.d, model)
+    return wraps, jax.vmap(span_start)(data)

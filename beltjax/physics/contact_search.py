@@ -1,7 +1,7 @@
 """The search for a belt in contact: at rest, running, or slipping under the largest torques.
 
 One square system in the letters of `physics.contact`: the level of C, the arm's turn, the factor
-on the torques and each pulley's wrap; of each span's own shape `elastica` is the exact solution.
+on the torques, each pulley's wrap and two numbers for the shape of each span.
 """
 
 from typing import NamedTuple
@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from beltjax.numerics.roots import followed_root, implicit_root
-from beltjax.physics.contact import ContactModel, Loop, Motion, Unknown, joined, long_wraps
+from beltjax.physics.contact import ContactModel, Loop, Motion, Unknown, joined, long_spans
 
 Scalar = Float[Array, ""]
 
@@ -54,18 +54,19 @@ class Solved(NamedTuple):
 def solve(model: ContactModel, task: Task, start: Unknown) -> Solved:
     """The belt that meets the task, searched from a start that `likely` gives.
 
-    One square system in every unknown but the spans' own shapes, which `elastica` eliminates
-    exactly; differentiated at its root.
+    One square system, differentiated at its root.
     """
     args = model, task
     fixed, guess = jax.lax.stop_gradient((args, _packed(start)))
-    largest = jnp.concatenate([jnp.array([1.0, 0.1, 0.7]), jnp.ones_like(start.w)])
-    found, load = followed_root(lambda x, load: _equations(x, _under(load, *fixed)), guess, largest)
+    # A factor e, 6 degrees, a factor 2; of the spans and of the wraps a radian or so.
+    largest = Unknown(jnp.ones_like(start.w), *map(jnp.asarray, (1.0, 0.1, 0.7)), _largest(start))
+    found, load = followed_root(
+        lambda x, load: _equations(x, _under(load, *fixed)), guess, _packed(largest)
+    )
     converged = found.converged
     # Where no root was found the start keeps all numbers finite.
     unknown = _unpacked(implicit_root(_equations, args, jnp.where(converged, found.root, guess)))
     loop = joined(unknown, model)
-    converged = converged & jnp.all(loop.spans.converged)
     resting = task.resting > 0
     found_here = Held(_length(loop), loop.moment / model.k_r - unknown.turn)
     held = jax.tree.map(lambda a, b: jnp.where(resting, a, b), found_here, task.held)
@@ -82,21 +83,28 @@ def likely(C: Scalar, turn: Scalar, scale: Scalar, model: ContactModel) -> Unkno
     kept = jnp.where(sprung, model.carried @ offsets, jnp.mean(offsets))
     spare = C - taken - (kept - jnp.min(offsets))
     level = jnp.log(jnp.maximum(spare, 0.05 * C))
-    unknown = Unknown(jnp.ones_like(model.rho), level, turn, scale)
-    return unknown._replace(w=jnp.maximum(long_wraps(unknown, model), -0.5))
+    touching, unshaped = jnp.ones_like(model.rho), jnp.zeros((len(model.rho), 2))
+    unknown = Unknown(touching, level, turn, scale, unshaped)
+    wraps, shape = long_spans(unknown, model)
+    return unknown._replace(w=jnp.maximum(wraps, -0.5), shape=shape)
+
+
+def _largest(start: Unknown) -> Array:
+    return jnp.broadcast_to(jnp.array([1.5, 0.5]), start.shape.shape)
 
 
 def _packed(unknown: Unknown) -> Array:
     head = jnp.stack([unknown.level, unknown.turn, unknown.scale])
-    return jnp.concatenate([head, unknown.w])
+    return jnp.concatenate([head, unknown.w, unknown.shape.ravel()])
 
 
 def _unpacked(x: Array) -> Unknown:
-    return Unknown(x[3:], x[0], x[1], x[2])
+    n = len(x) // 3 - 1
+    return Unknown(x[3 : 3 + n], x[0], x[1], x[2], x[3 + n :].reshape(n, 2))
 
 
 def _equations(x: Array, args: tuple[ContactModel, Task]) -> Array:
-    """Tension or belt length, the arm, the torques, and each pulley's contact; of order one."""
+    """Tension or belt length, the arm, the torques, contacts and spans; of order one."""
     model, task = args
     unknown = _unpacked(x)
     loop = joined(unknown, model)
@@ -113,7 +121,8 @@ def _equations(x: Array, args: tuple[ContactModel, Task]) -> Array:
         jnp.where(task.maximum > 0, spare, unknown.scale),
     ]
     # Zero where w is the wrap, or where the wrap is zero and w what is left of the curvature.
-    return jnp.concatenate([jnp.stack(head), loop.wrap - loop.touching])
+    contacts = loop.wrap - loop.touching
+    return jnp.concatenate([jnp.stack(head), contacts, loop.unmet.ravel()])
 
 
 def _length(loop: Loop) -> Scalar:

@@ -75,17 +75,41 @@ class Arcs(NamedTuple):
     J: Pair  # ds/(EA + P)
 
 
+def span_at(unknown: Pair, span: SpanData) -> tuple[Span, Pair]:
+    """The span of any (z, phi), and what it leaves of its two equations.
+
+    z is how much farther from the separatrix it is than a long span would be, phi the force's
+    direction. A long span needs neither: its equations only say what they are.
+    """
+    limit, long, safe = _told_apart(span)
+    shape, unmet = _shape(jnp.where(long, jnp.zeros(2), unknown), safe)
+    bent = limit._replace(**shape._asdict(), long=jnp.array(False))
+    found = jax.tree.map(lambda a, b: jnp.where(long, a, b), limit, bent)
+    return found, jnp.where(long, unknown - jnp.stack([0.0, limit.phi]), unmet)
+
+
+def span_start(span: SpanData) -> Pair:
+    """(z, phi) from which to search: nearly right for spans of a few lengths ell or more."""
+    limit, long, safe = _told_apart(span)
+    return jnp.where(long, jnp.stack([0.0, limit.phi]), _start(safe))
+
+
+def _told_apart(span: SpanData) -> tuple[Span, Bool[Array, ""], SpanData]:
+    """The span as a long one, whether it is, and data for the other formulas whichever it is."""
+    limit = separatrix(span)
+    long = jax.lax.stop_gradient(LONG * _layer(span) < limit.L)
+    # The formulas not taken must not spoil the others' derivatives.
+    return limit, long, jax.tree.map(lambda a, b: jnp.where(long, a, b), _harmless(span), span)
+
+
 def elastica(span: SpanData) -> Span:
     """The span whose ends are tangent to both pulleys.
 
     Needs P > 0 at both ends, that is C > EI kappa^2/2, and pulleys that do not overlap. Kong
     (2003), eqs. (5.9), (5.16)-(5.21) with contact as a vector condition; MODEL.md, section 4.
     """
-    limit = separatrix(span)
-    long = jax.lax.stop_gradient(LONG * _layer(span) < limit.L)
-    # The one not taken must not spoil the other's derivatives.
-    bent = _bent(jax.tree.map(lambda a, b: jnp.where(long, a, b), _harmless(span), span))
-    return jax.tree.map(lambda a, b: jnp.where(long, a, b), limit, bent)
+    limit, long, safe = _told_apart(span)
+    return jax.tree.map(lambda a, b: jnp.where(long, a, b), limit, _bent(safe))
 
 
 def _harmless(span: SpanData) -> SpanData:
@@ -199,7 +223,7 @@ def to_ends(ends: Ends, span: SpanData, third: bool = True) -> Arcs:
 
 def _residuals(unknown: Pair, span: SpanData) -> Pair:
     """The force's direction and the closure of the span along it, for (z, phi)."""
-    ends = ends_of(unknown[0] + span.d / _layer(span), span)
+    ends = ends_of(unknown[0] + _separation(span), span)
     return _unmet(unknown[1], ends, to_ends(ends, span, third=False), span)
 
 
@@ -215,16 +239,19 @@ def _unmet(phi: Scalar, ends: Ends, parts: Arcs, span: SpanData) -> Pair:
     )
 
 
-def _start(span: SpanData) -> Float[Array, "2"]:
-    """(z, phi) by the separatrix values, exact for a long span."""
+def _separation(span: SpanData) -> Scalar:
+    """The distance zeta from the separatrix that a long span has."""
     limit = separatrix(span)
     ell = _layer(span)
     kap = jnp.minimum(jnp.abs(span.kap_i), jnp.abs(span.kap_j))
     u_star = jnp.arcsin(ell * kap / 2)
     small = 16 * jnp.tan(limit.u_i / 2) * jnp.tan(limit.u_j / 2) / jnp.tan(2 * u_star) / u_star
-    z = (limit.L - span.d) / ell - jnp.log(small)
-    # Not closer to h = 1 than half way, where a span of no length begins.
-    return jnp.stack([jnp.maximum(z, 0.5 - span.d / ell), limit.phi])
+    return limit.L / ell - jnp.log(small)
+
+
+def _start(span: SpanData) -> Pair:
+    """(z, phi) of a long span; not closer to one of no length than half of what there is."""
+    return jnp.stack([jnp.maximum(0.0, 0.5 - _separation(span)), separatrix(span).phi])
 
 
 def _bent(span: SpanData) -> Span:
@@ -256,7 +283,7 @@ class _Shape(NamedTuple):
 def _shape(unknown: Pair, span: SpanData) -> tuple[_Shape, Pair]:
     """The span of any (z, phi), and what it leaves of its equations."""
     z, phi = unknown
-    ends = ends_of(z + span.d / _layer(span), span)
+    ends = ends_of(z + _separation(span), span)
     parts = to_ends(ends, span)
     middle = curvature(ends, (parts.I0[1] - parts.I0[0]) / 2, span)
     shape = _Shape(
