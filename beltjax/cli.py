@@ -5,6 +5,7 @@ whose answer is a failure, with the JSON written and its `success` false.
 """
 
 import contextlib
+import gc
 import os
 import sys
 import warnings
@@ -138,6 +139,8 @@ def main() -> NoReturn:
 
 
 def _run() -> None:
+    # A command makes many objects and few cycles of them: looking for those is a sixth of its time.
+    gc.set_threshold(200_000, 10, 10)
     # Small eigenproblems: a second thread of OpenBLAS only waits, for seconds on a busy machine.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # Imported here, where an interrupt is caught: it brings in JAX, which takes a second.

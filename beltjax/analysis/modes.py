@@ -6,6 +6,7 @@ from typing import Literal, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from beltjax.analysis.damping import Damping, damping_matrix
@@ -66,7 +67,7 @@ class Modes(eqx.Module):
     @property
     def labels(self) -> tuple[str, ...]:
         """'rotational', 'span 0', 'spans' or 'coupled', by the shares of kinetic energy."""
-        rigid = jnp.sum(self.pulley_shares, axis=1) + self.arm_shares
+        rigid = np.sum(np.asarray(self.pulley_shares), axis=1) + np.asarray(self.arm_shares)
         return tuple(
             mode_label(float(share), spans)
             for share, spans in zip(rigid, self.span_shares.tolist(), strict=True)
