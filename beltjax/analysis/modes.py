@@ -288,8 +288,22 @@ def _span_squares(lin: Linearization, fields, arm, of: Products) -> Float[Array,
     return own + 2 * cross.real + square * (jnp.abs(arm) ** 2)[:, None]
 
 
-def modes_with_slopes(lin: Linearization, count: int) -> tuple[Modes, Linearization]:
-    """Undamped modes, and the derivative of each frequency by the numbers of the linearization.
+class Pencil(NamedTuple):
+    """What the frequencies of a linearization depend on; with a leading axis, their slopes."""
+
+    mass: Float[Array, "size size"]
+    gyroscopic: Float[Array, "size size"]
+    stiffness: Float[Array, "size size"]
+    time: Float[Array, ""]  # [s]
+
+
+def pencil(lin: Linearization) -> Pencil:
+    """What the frequencies of `lin` depend on."""
+    return Pencil(lin.mass, lin.gyroscopic, lin.stiffness, lin.scales.time)
+
+
+def modes_with_slopes(lin: Linearization, count: int) -> tuple[Modes, Pencil]:
+    """Undamped modes, and the derivative of each frequency by what it depends on.
 
     The same as those of `modes`, at a fraction of the compiling: the shapes' are left out.
     """
@@ -297,13 +311,11 @@ def modes_with_slopes(lin: Linearization, count: int) -> tuple[Modes, Linearizat
     eigen = found.eigen
     result = _result(lin, found, "hermitian")
 
-    def frequencies(lin):
-        matrices = lin.mass, lin.gyroscopic, lin.stiffness
-        raw = eigenvalues(*matrices, eigen.values, eigen.left, eigen.vectors).imag
-        raw = raw / lin.scales.time
+    def frequencies(at: Pencil):
+        raw = eigenvalues(*at[:3], eigen.values, eigen.left, eigen.vectors).imag / at.time
         return frozen_where_failed(raw, RESULTS.where(found.usable, RESULTS.successful, result))
 
-    _, pull = eqx.filter_vjp(frequencies, lin)
+    _, pull = jax.vjp(frequencies, pencil(lin))
     (slopes,) = jax.vmap(pull)(jnp.eye(count))
     values = eigen.values
     return described(lin, found, values.imag, values.real, eigen.vectors, result), slopes
