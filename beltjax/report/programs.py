@@ -5,6 +5,7 @@ longer than all the rest of a short command. Here the compiled program is kept b
 under a name made of everything it depends on.
 """
 
+import concurrent.futures
 import hashlib
 import os
 import pickle
@@ -16,7 +17,7 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jaxlib
+import jaxlib.version
 from jax.experimental import serialize_executable
 
 import beltjax
@@ -72,7 +73,7 @@ def _key(function: Callable, args: Any) -> str:
         digest.update(source.read_bytes())
     arrays, static = eqx.partition(args, eqx.is_array)
     shapes = [(leaf.shape, str(leaf.dtype)) for leaf in jax.tree.leaves(arrays)]
-    parts = (jax.__version__, jaxlib.__version__, os.environ.get("XLA_FLAGS"), _processor())
+    parts = (jax.__version__, jaxlib.version.__version__, os.environ.get("XLA_FLAGS"), _processor())
     parts += (function.__qualname__, shapes, jax.tree.structure(arrays), static)
     digest.update(repr(parts).encode())
     return digest.hexdigest()[:40]
@@ -93,8 +94,10 @@ def _read(path: Path, count: int) -> tuple[jax.stages.Compiled, Form] | None:
         content, form = pickle.loads(zlib.decompress(path.read_bytes()))
         given = jax.tree.structure(((0,) * count, {}))
         found = jax.tree.structure([0] * len(jax.tree.leaves(form.places)))
-        _load_lapack()
-        return serialize_executable.deserialize_and_load(content, given, found), form
+        with concurrent.futures.ThreadPoolExecutor() as pool:
+            program = pool.submit(serialize_executable.deserialize_and_load, content, given, found)
+            _load_lapack()  # meanwhile
+            return program.result(), form
     except Exception:  # whatever is wrong with an old file, the program can be made again
         return None
 
