@@ -70,8 +70,11 @@ def counted_root(
         looking = x + jnp.where(over, -1.0, 1.0) * jnp.minimum(
             jnp.where(jnp.abs(newton) <= limit, 1.5 * jnp.abs(newton) + close, limit), limit
         )
-        inside = (x + towards > lower) & (x + towards < upper) & shrinks
-        trial = jnp.where(inside, x + towards, 0.5 * (lower + upper))
+        # An end of the bracket may be the root itself; next to it is where to look then.
+        target = x + towards
+        inside = (target > lower - close) & (target < upper + close) & shrinks
+        target = jnp.clip(target, lower + close, upper - close)
+        trial = jnp.where(inside, target, 0.5 * (lower + upper))
         # Towards a root that is all but reached, also when the step itself points away from it.
         over_it = jnp.abs(newton) <= close
         trial = jnp.where(over_it, jnp.clip(x + stepped, lower, upper), trial)
