@@ -4,6 +4,12 @@ import importlib
 from typing import Any
 
 from beltjax.analysis.collocation import Collocation as Collocation
+from beltjax.analysis.contact import ContactState as ContactState
+from beltjax.analysis.contact import contact_state as contact_state
+from beltjax.analysis.contact import maximum_moment as maximum_moment
+from beltjax.analysis.contact_path import BeltPiece as BeltPiece
+from beltjax.analysis.contact_path import belt_pieces as belt_pieces
+from beltjax.analysis.contact_path import span_deflection as span_deflection
 from beltjax.analysis.damping import Damping as Damping
 from beltjax.analysis.linearization import Linearization as Linearization
 from beltjax.analysis.linearization import linearize as linearize

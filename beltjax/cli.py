@@ -130,6 +130,32 @@ def response(
     _finish(report, json_path)
 
 
+@cli.command()
+@click.argument("drive_file", metavar="DRIVE.toml")
+@click.option("--maximum", is_flag=True, help="Raise all torques until a pulley slips fully.")
+@click.option(
+    "--law",
+    type=click.Choice(["kong", "hyperelastic"]),
+    default="kong",
+    show_default=True,
+    help="T = EA e, or the law that conserves energy.",
+)
+@_json_option
+@_figure_option
+def contact(
+    drive_file: str, maximum: bool, law: Any, json_path: str | None, figure: str | None
+) -> None:
+    """Where the belt touches, adheres and slips; tensions, speeds, efficiency."""
+    _check_outputs(drive_file, json_path, figure)
+    _check_picture(figure)
+    _prepare_jax()
+    with _busy("solving contact; the first run on a machine compiles"):
+        from beltjax.report.contact_job import contact_job
+
+        report = contact_job(drive_file, maximum, law, figure)
+    _finish(report, json_path)
+
+
 def main() -> NoReturn:
     """Run the command line, turning every error into one line and an exit status."""
     try:

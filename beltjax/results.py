@@ -56,6 +56,12 @@ if TYPE_CHECKING:
         drive_diverges: "RESULTS"
         drive_flutters: "RESULTS"
         frequencies_not_isolated: "RESULTS"
+        belt_too_stiff: "RESULTS"
+        contact_pressure_lost: "RESULTS"
+        wrap_vanished: "RESULTS"
+        gross_slip: "RESULTS"
+        contact_not_found: "RESULTS"
+        no_torque_to_scale: "RESULTS"
         no_starting_design: "RESULTS"
         constraints_infeasible: "RESULTS"
         optimum_not_reached: "RESULTS"
@@ -152,6 +158,31 @@ else:
         frequencies_not_isolated = (
             "The exact frequencies could not be told apart. Use a finer basis for the first "
             "guess, or modes(..., exact=False)."
+        )
+        belt_too_stiff = (
+            "The belt is too stiff for a pulley: even at rest its tension cannot bend it round, "
+            "EI/(2 R^2) is above it. Enlarge the smallest pulley, raise the tension or take a "
+            "belt of lower bending stiffness."
+        )
+        contact_pressure_lost = (
+            "The belt does not press on a pulley any more: torque, speed and bending use up its "
+            "tension. Raise the tension, or lower the torques or the speed."
+        )
+        wrap_vanished = (
+            "The stiff belt does not wrap a pulley that takes torque: `wraps` shows which. Enlarge "
+            "that pulley or its wrap, or take a belt of lower bending stiffness."
+        )
+        gross_slip = (
+            "A pulley slips over its whole arc of contact: `adhesions` shows which. Lower the "
+            "torques, raise the tension, or give that pulley more wrap or friction."
+        )
+        contact_not_found = (
+            "No shape of the belt was found that touches the pulleys. Look for a number far out "
+            "of the ordinary: tension, bending stiffness, belt length, torques."
+        )
+        no_torque_to_scale = (
+            "No accessory takes torque, so there is nothing to raise to its maximum. Give "
+            "operation.torque the accessories' torques; their proportion is kept."
         )
         no_starting_design = (
             "No design within the bounds could be evaluated. Widen the bounds, or move them "

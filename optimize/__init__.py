@@ -10,6 +10,7 @@ from .design import ConstraintReport as ConstraintReport
 from .design import Design as Design
 from .design import StartReport as StartReport
 from .design import minimize as minimize
+from .quantities import Answers as Answers
 from .quantities import quantity as quantity
 from .study import Limits as Limits
 from .study import Study as Study

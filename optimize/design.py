@@ -17,7 +17,7 @@ from beltjax.numerics.compilation import quickly_compiled
 from beltjax.results import RESULTS, succeeded
 
 from .lagrangian import Evaluation, Iterate, first_iterate, outer_step, to_unit
-from .quantities import quantity
+from .quantities import Answers, quantity
 from .study import Limits, Study
 
 Advance = Callable[[str, int, int | None], None]
@@ -108,7 +108,8 @@ def _evaluation(study: Study, scales: Scales, x: Float[Array, " variables"]) -> 
     """Scaled objective and constraints of the design at `x` in the unit box."""
     drive = _drive_at(study, x)
     steady = steady_state(drive, study.point, throw=False)
-    objective, measured = _measured(study, drive, steady)
+    answers = Answers(drive, study.point, steady)
+    objective, measured = _measured(study, answers)
     limits, parts = study.constraints, []
     for value, low, high, scale in zip(
         measured, limits.lower, limits.upper, scales.constraints, strict=True
@@ -117,14 +118,14 @@ def _evaluation(study: Study, scales: Scales, x: Float[Array, " variables"]) -> 
     return Evaluation(
         objective=objective / scales.objective,
         constraints=jnp.concatenate(parts),
-        valid=succeeded(steady.result),
+        valid=answers.found(),
     )
 
 
-def _measured(study: Study, drive: Drive, steady: SteadyState) -> tuple[Array, list[Array]]:
+def _measured(study: Study, of: Answers) -> tuple[Array, list[Array]]:
     """Objective, and the parts of each constrained quantity."""
-    terms = [quantity(name, drive).measure(drive, steady)[0] for name in study.objective]
-    parts = [quantity(name, drive).measure(drive, steady) for name in study.constraints.names]
+    terms = [quantity(name, of.drive).measure(of)[0] for name in study.objective]
+    parts = [quantity(name, of.drive).measure(of) for name in study.constraints.names]
     return study.weights @ jnp.stack(terms), parts
 
 
@@ -179,8 +180,9 @@ def _survey(study: Study, points):
 
     def look(x):
         drive = _drive_at(study, x)
-        steady = steady_state(drive, study.point, throw=False)
-        return succeeded(steady.result), *_measured(study, drive, steady)
+        answers = Answers(drive, study.point, steady_state(drive, study.point, throw=False))
+        measured = _measured(study, answers)
+        return answers.found(), *measured
 
     return jax.vmap(look)(points)
 
@@ -236,7 +238,7 @@ def _run(study: Study, drive: Drive) -> tuple[SteadyState, float, list[np.ndarra
 
 def _run_one(study: Study, drive: Drive):
     steady = steady_state(drive, study.point, throw=False)
-    return steady, *_measured(study, drive, steady)
+    return steady, *_measured(study, Answers(drive, study.point, steady))
 
 
 def _ending(valid: bool, feasible: bool, done: bool) -> str:

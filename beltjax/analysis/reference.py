@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 from beltjax.drive.components import BeltGiven, Drive, OperatingPoint, TensionGiven
 from beltjax.drive.layout import Layout, Outline, Path, belt_path, layout, outline
 from beltjax.drive.usable import harmless, usable
-from beltjax.numerics.roots import Search, implicit_root, pair_root
+from beltjax.numerics.roots import Search, implicit_root, system_root
 from beltjax.results import (
     RESULTS,
     first_failure,
@@ -37,7 +37,7 @@ class ReferenceState(eqx.Module):
     stats: dict[str, Array]
 
 
-class _Held(NamedTuple):
+class Held(NamedTuple):
     """What an installation holds: the belt, and where the arm's spring is relaxed."""
 
     length: Float[Array, ""]  # L0 [m]
@@ -48,7 +48,7 @@ class _Problem(NamedTuple):
     """Equations (a) and (c), whose unknowns are the arm's turn and a tension over `scale`."""
 
     outline: Outline
-    held: _Held
+    held: Held
     offsets: Float[Array, " spans"]  # of the span tensions above the unknown one [N]
     scale: Float[Array, ""]  # [N]
     EA: Float[Array, ""]
@@ -103,7 +103,7 @@ def _solved_state(drive, point, drawn) -> ReferenceState:
         base, turn, fits = rule.tension, jnp.zeros(()), succeeded(drawn.result)
         bare = RESULTS.where(fits, RESULTS.successful, drawn.result)
     else:
-        held = _held_by_belt(drawn, rule)
+        held = held_by_belt(drawn, rule)
         unloaded = _problem(drive, held, jnp.zeros_like(offsets), _likely_tension(drive))
         base, turn, bare = _bare_state(drive, unloaded, drawn)
         fits = succeeded(bare)
@@ -130,7 +130,7 @@ def _solved_state(drive, point, drawn) -> ReferenceState:
     return _state(drive, moved, tensions, base, problem.held, error, result, {"steps": found.steps})
 
 
-def _problem(drive: Drive, held: _Held, offsets, scale) -> _Problem:
+def _problem(drive: Drive, held: Held, offsets, scale) -> _Problem:
     stiffness = jnp.ones(()) if drive.tensioner is None else drive.tensioner.stiffness
     return _Problem(outline(drive), held, offsets, scale, drive.belt.axial_stiffness, stiffness)
 
@@ -156,7 +156,7 @@ def _bare_state(drive: Drive, problem: _Problem, drawn: Layout):
     return tension, turn, result
 
 
-def _replaced(good, held: _Held, spare: _Held) -> _Held:
+def _replaced(good, held: Held, spare: Held) -> Held:
     """`held` where it is good; elsewhere `spare`, without derivatives."""
     return jax.tree.map(lambda a, b: jnp.where(good, a, jax.lax.stop_gradient(b)), held, spare)
 
@@ -206,15 +206,16 @@ def _belt_moment(at: Layout | Path, tensions) -> Float[Array, ""]:
     return at.arm_length * jnp.sum(tensions * at.arm_tangent)
 
 
-def _held_by_tensions(drive: Drive, drawn: Layout, tensions) -> _Held:
+def _held_by_tensions(drive: Drive, drawn: Layout, tensions) -> Held:
     """Belt and spring for which the drawn layout is at rest with these tensions."""
     wind_up = jnp.zeros(())
     if drive.tensioner is not None:
         wind_up = -_belt_moment(drawn, tensions) / drive.tensioner.stiffness
-    return _Held(_unstretched(drive.belt.axial_stiffness, drawn, tensions), wind_up)
+    return Held(_unstretched(drive.belt.axial_stiffness, drawn, tensions), wind_up)
 
 
-def _held_by_belt(drawn: Layout, rule: BeltGiven) -> _Held:
+def held_by_belt(drawn: Layout, rule: BeltGiven) -> Held:
+    """The belt of the rule, and how far the drawn arm winds its spring up."""
     wind_up = jnp.zeros(())
     if rule.free_angle is not None:
         difference = drawn.arm_angle - rule.free_angle
@@ -222,7 +223,7 @@ def _held_by_belt(drawn: Layout, rule: BeltGiven) -> _Held:
         wind_up = difference - 2 * jnp.pi * jax.lax.stop_gradient(
             jnp.round(difference / (2 * jnp.pi))
         )
-    return _Held(rule.belt_length, wind_up)
+    return Held(rule.belt_length, wind_up)
 
 
 def _likely_tension(drive: Drive) -> Float[Array, ""]:
@@ -247,7 +248,7 @@ def _search(problem: _Problem, turn: Float[Array, ""]) -> Search:
     # A slack or a tenfold tension may be passed on the way; the arm must not jump.
     largest = jnp.array([LARGEST_TURN, 20.0])
     guess = jnp.stack([turn, jnp.ones(())])
-    found = pair_root(lambda unknown: _residuals(unknown, fixed), guess, largest)
+    found = system_root(lambda unknown: _residuals(unknown, fixed), guess, largest)
     return found._replace(converged=found.converged & jnp.all(jnp.isfinite(found.root)))
 
 

@@ -1,13 +1,13 @@
 """Roots of small systems: searched with safeguards, differentiated at the equations.
 
-A search (`increasing_root`, `pair_root`) looks for a root and is never differentiated: hand it
+A search (`increasing_root`, `system_root`) looks for a root and is never differentiated: hand it
 arguments without derivatives. `implicit_root` gives a root found in any way its derivative,
 forward and reverse and to any order, by one linear solve with the converged equations. Between
 the two a caller can replace what failed by something harmless, so that no lane of a batch
 disturbs its neighbors.
 
-The solves of two equations are unrolled by hand: a LAPACK call a lane is slow under `vmap`, and
-can hang XLA's thread pool on few cores.
+The linear solves are done here, not by LAPACK: a call a lane is slow under `vmap`, and can hang
+XLA's thread pool on few cores.
 """
 
 from collections.abc import Callable
@@ -17,8 +17,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from beltjax.numerics.bvp_blocks import inverse
+
 Scalar = Float[Array, ""]
-Pair = Float[Array, "2"]
+Vector = Float[Array, " n"]
 
 
 class Search(NamedTuple):
@@ -30,8 +32,10 @@ class Search(NamedTuple):
     steps: Int[Array, ""]
 
 
-def solve_pair(matrix: Float[Array, "2 2"], right: Pair) -> Pair:
-    """Solution of two linear equations by Cramer's rule; finite if they are singular."""
+def solve_dense(matrix: Float[Array, "n n"], right: Vector) -> Vector:
+    """Solution of a few linear equations; of two, finite also if they are singular."""
+    if right.size != 2:
+        return inverse(matrix) @ right
     (a, b), (c, d) = matrix
     determinant = a * d - b * c
     numerator = jnp.stack([d * right[0] - b * right[1], a * right[1] - c * right[0]])
@@ -78,50 +82,96 @@ def increasing_root(
     return Search(x, value, done, steps)
 
 
-def pair_root(
-    residual: Callable[[Pair], Pair],
-    guess: Pair,
-    largest_step: Pair,
+def system_root(
+    residual: Callable[[Vector], Vector],
+    guess: Vector,
+    largest_step: Vector,
     *,
     tol: float = 1e-9,
     max_steps: int = 60,
 ) -> Search:
-    """A root of two equations near `guess`, by Newton's method with limited, damped steps.
+    """A root of a few equations near `guess`, by Newton's method with limited, damped steps.
 
-    No component moves by more than its `largest_step` at once; a step that does not lower the
-    residual's norm is halved. Unknowns and residuals should be scaled to order one.
+    No component moves by more than its `largest_step` at once. A step after which the same
+    Jacobian would ask for a longer correction than before is halved: P. Deuflhard's natural
+    monotonicity test (Newton Methods for Nonlinear Problems, 2004), which does not depend on how
+    the equations are scaled, so that no steep one among them holds the others up.
     """
 
     def value_and_jacobian(x):
-        value, push = jax.linearize(residual, x)
-        return value, jax.vmap(push, out_axes=-1)(jnp.eye(2))
+        # Values and slopes in one pass: inside a loop `jax.linearize` would make it two.
+        push = jax.vmap(lambda t: jax.jvp(residual, (x,), (t,)), out_axes=(None, -1))
+        return push(jnp.eye(len(guess)))
+
+    def size(correction):
+        return jnp.sum((correction / largest_step) ** 2)
 
     def body(state):
-        x, step, norm, kept, _, steps = state
+        x, step, matrix, length, kept, _, steps = state
         value, jacobian = value_and_jacobian(x + step)
-        newton = -solve_pair(jacobian, value)
+        newton = -solve_dense(jacobian, value)
+        full = size(newton)
         newton = newton / jnp.maximum(1.0, jnp.max(jnp.abs(newton) / largest_step))
-        # Close to the root rounding decides which norm is the smaller.
+        # Close to the root rounding decides which correction is the longer.
         small = jnp.max(jnp.abs(newton)) <= tol
-        better = (jnp.sum(value**2) < norm) | small
+        better = (size(solve_dense(matrix, value)) < length) | small
         x = jnp.where(better, x + step, x)
-        norm = jnp.where(better, jnp.sum(value**2), norm)
+        matrix = jnp.where(better, jacobian, matrix)
+        length = jnp.where(better, full, length)
         kept = jnp.where(better, value, kept)
         step = jnp.where(better, newton, 0.5 * step)
-        return x, step, norm, kept, small, steps + 1
+        return x, step, matrix, length, kept, small, steps + 1
 
     def unfinished(state):
-        _, step, _, _, done, steps = state
+        _, step, _, _, _, done, steps = state
         return ~done & (steps < max_steps) & jnp.all(jnp.isfinite(step))
 
-    nothing = jnp.zeros_like(guess)
-    start = (guess, nothing, jnp.array(jnp.inf), nothing, jnp.array(False), jnp.array(0))
-    x, step, _, value, done, steps = jax.lax.while_loop(unfinished, body, start)
+    nothing, unit = jnp.zeros_like(guess), jnp.eye(len(guess))
+    start = (guess, nothing, unit, jnp.array(jnp.inf), nothing, jnp.array(False), jnp.array(0))
+    x, step, _, _, value, done, steps = jax.lax.while_loop(unfinished, body, start)
     return Search(jnp.where(done, x + step, x), value, done, steps)
 
 
+def followed_root(
+    residual: Callable[[Vector, Scalar], Vector],
+    guess: Vector,
+    largest_step: Vector,
+    *,
+    smallest_load: float = 1 / 64,
+    max_steps: int = 25,
+) -> tuple[Search, Scalar]:
+    """A root of `residual(x, 1)`: at once if `system_root` finds it, else by following `load`.
+
+    The second argument rises from 0, where `guess` is close to a root, in steps that are halved
+    where the search fails and doubled where it does not; one below `smallest_load` is given up.
+    Gives the load reached too; `steps` counts those of all searches.
+    """
+
+    def body(state):
+        last, load, step, steps = state
+        found = system_root(
+            lambda x: residual(x, load + step), last.root, largest_step, max_steps=max_steps
+        )
+        steps = steps + found.steps
+        good = found.converged & jnp.all(jnp.isfinite(found.root))
+        kept = last._replace(residual=found.residual, converged=jnp.array(False))
+        last = jax.tree.map(lambda a, b: jnp.where(good, a, b), found, kept)
+        load = jnp.where(good, load + step, load)
+        step = jnp.minimum(jnp.where(good, 2 * step, step / 2), 1 - load)
+        return last, load, step, steps
+
+    def unfinished(state):
+        _, load, step, _ = state
+        return (load < 1) & (step >= smallest_load)
+
+    nothing = Search(guess, jnp.zeros_like(guess), jnp.array(False), jnp.array(0))
+    start = (nothing, jnp.zeros(()), jnp.ones(()), jnp.array(0))
+    last, load, _, steps = jax.lax.while_loop(unfinished, body, start)
+    return last._replace(converged=last.converged & (load >= 1), steps=steps), load
+
+
 def implicit_root(residual: Callable[[Array, Any], Array], args: Any, root: Array) -> Array:
-    """`root`, a scalar or a pair, differentiated with respect to `args` through `residual`.
+    """`root`, a scalar or a vector, differentiated with respect to `args` through `residual`.
 
     `residual(root, args)` must vanish; its derivative at the root is the only thing used.
     """
@@ -138,4 +188,4 @@ def _solve_linear(linear: Callable[[Array], Array], right: Array) -> Array:
     if right.ndim == 0:
         slope = linear(jnp.ones_like(right))
         return right / jnp.where(slope == 0, 1.0, slope)
-    return solve_pair(jax.vmap(linear, out_axes=-1)(jnp.eye(2)), right)
+    return solve_dense(jax.vmap(linear, out_axes=-1)(jnp.eye(len(right))), right)

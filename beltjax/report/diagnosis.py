@@ -101,7 +101,7 @@ def _strain_diagnosis(drive: Drive, point: OperatingPoint, steady: SteadyState) 
     if float(steady.groups.bending) > 1.0:
         message = "makes the belt stiffer than its tension: check its value and unit"
         return Diagnosis("belt.bending_stiffness", message, False)
-    return Diagnosis(_speed_key(point), explanation(steady.result), False)
+    return Diagnosis(speed_key(point), explanation(steady.result), False)
 
 
 def _slack_diagnosis(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagnosis:
@@ -116,12 +116,13 @@ def _slack_diagnosis(drive: Drive, point: OperatingPoint, steady: SteadyState) -
         return Diagnosis("operation.torque", f"{found} under these torques: {remedy}", False)
     span = drive.span_names[int(np.argmin(np.asarray(reference.tensions)))]
     return Diagnosis(
-        _speed_key(point),
+        speed_key(point),
         f"span {span} goes slack at a belt speed of {float(point.speed(drive)):.4g} m/s: lower the "
         "speed or raise installation.tension",
         False,
     )
 
 
-def _speed_key(point: OperatingPoint) -> str:
+def speed_key(point: OperatingPoint) -> str:
+    """The key of the speed that the file gives."""
     return "operation.driver_speed" if point.belt_speed is None else "operation.belt_speed"

@@ -1,0 +1,310 @@
+"""Contact mechanics: where the belt touches, adheres and slips (chapter 5)."""
+
+from typing import Literal, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from beltjax.analysis.reference import LARGEST_STRAIN, beyond_stops, held_by_belt, resting
+from beltjax.drive.components import BeltGiven, Drive, OperatingPoint, TensionGiven, concrete
+from beltjax.drive.groups import ContactGroups, Scales, TravelOrder, contact_groups
+from beltjax.drive.layout import layout
+from beltjax.drive.usable import harmless, usable
+from beltjax.physics import contact as physics
+from beltjax.physics import contact_search as search
+from beltjax.results import (
+    RESULTS,
+    first_failure,
+    frozen_where_failed,
+    raise_unless_successful,
+    succeeded,
+)
+
+Law = Literal["kong", "hyperelastic"]
+LAWS: dict[str, float] = {"kong": 0.0, "hyperelastic": 1.0}
+_SLIPPING = 1e-9  # adhesion below minus this is gross slip [rad]
+_BARE = 1e-3  # of the mean tension: a least pressure below it is none
+
+
+class ContactState(eqx.Module):
+    """Belt and pulleys in contact, in listed order; a span's start is at its first listed pulley.
+
+    Angles of spans are inclinations of the belt going from start to end, from the line of
+    centers, positive towards the outside of the loop.
+    """
+
+    wraps: Float[Array, " pulleys"]  # [rad]; 0 where the belt touches at one point
+    slips: Float[Array, " pulleys"]  # arcs of slip, up to where the belt leaves [rad]
+    adhesions: Float[Array, " pulleys"]  # wrap less slip [rad]; negative: not physical
+    moments: Float[Array, " pulleys"]  # taken from the belt, the driver's negative [N m]
+    pulley_speeds: Float[Array, " pulleys"]  # [rad/s], magnitudes
+    contact_curvatures: Float[Array, " pulleys"]  # of the belt on each pulley [1/m]
+    span_lengths: Float[Array, " spans"]  # [m]
+    unstretched_span_lengths: Float[Array, " spans"]  # [m]
+    tensions: Float[Array, "spans 3"]  # at start, half the arc length and end [N]
+    speeds: Float[Array, "spans 2"]  # of the belt, at start and end [m/s]
+    angles: Float[Array, "spans 2"]  # at start and end [rad]
+    unstretched_length: Float[Array, ""]  # L0 [m]
+    unstretched_speed: Float[Array, ""]  # V_ref [m/s]
+    mass_flow: Float[Array, ""]  # G [kg/s]
+    efficiency: Float[Array, ""]  # power delivered over power taken up
+    driver_moment: Float[Array, ""]  # magnitude [N m]
+    torque_factor: Float[Array, ""]  # on the operating point's torques; 1 unless they were scaled
+    arm_angle: Float[Array, ""] | None  # direction of the arm [rad]
+    free_angle: Float[Array, ""] | None
+    forward: Bool[Array, ""]  # whether the belt runs in the listed order
+    inside_left: Bool[Array, ""]  # whether the loop's inside is on the left of the running belt
+    model: physics.ContactModel  # in the units of `scales`, along the belt's travel
+    solved: search.Solved
+    scales: Scales
+    error: Float[Array, ""]  # residual of the equations before the last Newton step: an upper bound
+    result: RESULTS
+    stats: dict[str, Array]
+
+    @property
+    def feasible(self) -> Bool[Array, ""]:
+        """Whether the state was found and is physical."""
+        return succeeded(self.result)
+
+
+def contact_state(
+    drive: Drive, point: OperatingPoint, *, law: Law = "kong", throw: bool = True
+) -> ContactState:
+    """The running belt on its pulleys: contact points, arcs of slip and adhesion, tensions, speeds.
+
+    Belt inertia, bending stiffness and creep; large rotations. Kong (2003), section 5, for any
+    number of pulleys on either face, with a tensioner or none; MODEL.md, section 4. With
+    `installation.tension`, that is the mean over the spans of the tension at half their length, at
+    rest without torques. `law="hyperelastic"` replaces T = EA e by EA e = T + EI kappa^2/2, under
+    which power in equals power out and friction.
+
+    A state that was found but is not physical (`gross_slip`, `wrap_vanished`, `arm_at_stop`) keeps
+    its values and derivatives with `throw=False`. `belt_too_stiff`, `contact_pressure_lost`,
+    `contact_not_found`, and the results of `layout` and of the numbers themselves leave finite
+    placeholders with zero derivatives. Raises `ValueError` where a pulley with torque has no
+    friction.
+    """
+    return _contact(drive, point, law, False, throw)
+
+
+def maximum_moment(
+    drive: Drive, point: OperatingPoint, *, law: Law = "kong", throw: bool = True
+) -> ContactState:
+    """`contact_state` under the largest torques: a first pulley slips over its whole arc.
+
+    All torques are scaled by one `torque_factor`. Two pulleys need no torque given: it is on the
+    one that does not drive. Fails with `no_torque_to_scale` too.
+    """
+    return _contact(drive, point, law, True, throw)
+
+
+def _contact(drive, point, law: Law, maximum: bool, throw: bool) -> ContactState:
+    if law not in LAWS:
+        raise ValueError(f"law {law!r} is not one of {', '.join(map(repr, LAWS))}.")
+    _require_friction(drive, point, maximum)
+    # The law and the question are data, so that one compiled program answers them all.
+    found = contact_solution(drive, point, *asked(law, maximum))
+    return raise_unless_successful(found, found.result, throw)
+
+
+def _require_friction(drive: Drive, point: OperatingPoint, maximum: bool) -> None:
+    alone = len(drive.pulleys) == 2 and maximum
+    for pulley in drive.pulleys:
+        torque = concrete(point.torque.get(pulley.name, jnp.zeros(())))
+        # Torques that are traced may be anything.
+        if pulley.friction is None and (alone or torque is None or np.any(torque)):
+            raise ValueError(f"Pulley {pulley.name!r} has torque; contact needs its friction.")
+
+
+def asked(law: Law, maximum: bool) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """The law and the question as `contact_solution` takes them."""
+    return jnp.asarray(LAWS[law]), jnp.asarray(float(maximum))
+
+
+@eqx.filter_jit
+def contact_solution(drive: Drive, point: OperatingPoint, law, maximum) -> ContactState:
+    """`contact_state` or `maximum_moment`, whose failures are in its result alone."""
+    good = usable(drive, point)
+    drive, point = harmless(drive, point, good)
+    drawn = layout(drive)
+    tangents = drawn.result != RESULTS.no_tangent
+    drive, point = harmless(drive, point, tangents)
+    start = _installed(drive, point)
+    taken, scalable = _torques(drive, point, start.tension, maximum)
+    groups, scales = contact_groups(drive, point, taken, start.tension)
+    model = contact_model(groups, law)
+    held = search.Held(start.length / scales.length, start.wind_up)
+    rested, solved = _solutions(drive, model, held, start.turn, maximum)
+    loop = solved.loop
+    travel = jax.lax.stop_gradient(point.travel)
+    strain = (jnp.max(loop.C) + loop.g) / groups.stretch
+    bare = jnp.exp(solved.unknown.level) < _BARE * jnp.mean(loop.C)
+    loaded = model.loaded > 0
+    arm_angle = drawn.arm_angle + solved.unknown.turn
+    missing = first_failure(
+        (~good, RESULTS.numbers_unusable),
+        (~tangents, RESULTS.no_tangent),
+        (~scalable, RESULTS.no_torque_to_scale),
+        (~rested & _too_stiff(model), RESULTS.belt_too_stiff),
+        (~solved.converged & ~succeeded(start.result), start.result),
+        (~solved.converged & bare, RESULTS.contact_pressure_lost),
+        (~(solved.converged & rested), RESULTS.contact_not_found),
+    )
+    result = first_failure(
+        (~succeeded(missing), missing),
+        (strain > LARGEST_STRAIN, RESULTS.belt_overstretched),
+        (jnp.any(loaded & (loop.wrap <= 0)), RESULTS.wrap_vanished),
+        (jnp.any(loaded & (loop.wrap - loop.slip < -_SLIPPING)), RESULTS.gross_slip),
+        (beyond_stops(drive, arm_angle), RESULTS.arm_at_stop),
+    )
+    state = _state(drive, travel, scales, model, solved, drawn.arm_angle, result)
+    return frozen_where_failed(state, missing)
+
+
+class _Start(NamedTuple):
+    """What the installation gives, and where a search begins."""
+
+    tension: Float[Array, ""]  # [N]
+    turn: Float[Array, ""]  # of the arm from where it is drawn [rad]
+    length: Float[Array, ""]  # of the unstretched belt [m]; 1 where it follows from the tension
+    wind_up: Float[Array, ""]  # drawn arm angle less free angle [rad]; 0 where it follows
+    result: RESULTS  # of the string
+
+
+def _installed(drive: Drive, point: OperatingPoint) -> _Start:
+    rule, still = drive.installation, jnp.zeros(())
+    if isinstance(rule, TensionGiven):
+        return _Start(rule.tension, still, jnp.ones(()), still, RESULTS.successful)
+    string = resting(drive, point)
+    held = held_by_belt(layout(drive), rule)
+    turn = still
+    if string.arm_angle is not None:
+        drawn = jnp.arctan2(drive.arm[1], drive.arm[0])
+        turn = jnp.where(succeeded(string.result), string.arm_angle - drawn, 0.0)
+    return _Start(
+        *jax.lax.stop_gradient((string.base_tension, turn)),
+        held.length,
+        held.wind_up,
+        string.result,
+    )
+
+
+def _torques(drive: Drive, point: OperatingPoint, tension, maximum):
+    """Torques taken from the belt [N m], and whether there are any to be scaled."""
+    taken = point.torques(drive)
+    none = (maximum > 0) & jnp.all(taken == 0)
+    if len(drive.pulleys) > 2:
+        return taken, ~none
+    # Any will do: it is scaled.
+    pull = 0.5 * jax.lax.stop_gradient(tension) * (1 - 2 * drive.drives)
+    return jnp.where(none, pull * drive.radii, taken), jnp.array(True)
+
+
+def contact_model(groups: ContactGroups, law: Float[Array, ""]) -> physics.ContactModel:
+    """The groups in the letters of the source."""
+    motion = physics.Motion(jnp.ones(()), groups.belt_speed, groups.driver_speed, groups.mass_flow)
+    return physics.ContactModel(
+        EI=groups.bending,
+        EA=groups.stretch,
+        law=law,
+        x=groups.centers[:, 0],
+        y=groups.centers[:, 1],
+        rho=groups.radii,
+        mu=groups.friction,
+        pull=groups.pulls,
+        driver=groups.drives,
+        loaded=jax.lax.stop_gradient((groups.pulls != 0).astype(float)),
+        carried=groups.carried,
+        arm=groups.arm,
+        k_r=groups.spring,
+        motion=motion,
+    )
+
+
+def _solutions(drive: Drive, model: physics.ContactModel, held: search.Held, turn, maximum):
+    """Whether the belt was found at rest, and the running belt."""
+    one, zero = jnp.ones(()), jnp.zeros(())
+    widest = jnp.max(jnp.abs(jnp.cumsum(model.pull)))
+    half = jnp.log(0.5 / jnp.where(widest > 0, widest, 1.0))
+    start = search.likely(one, turn, jnp.where(maximum > 0, half, 0.0), model)
+    running = search.Task(zero, maximum, one, held)
+    if isinstance(drive.installation, BeltGiven):
+        return jnp.array(True), search.solve(model, running, start)
+    still = search.at_rest(model)
+    resting_task = search.Task(one, zero, one, held)
+    stages = jax.tree.map(
+        lambda a, b: jnp.stack([a, b]),
+        (still, resting_task, search.likely(one, zero, zero, still)),
+        (model, running, start),
+    )
+
+    # One after the other through one compiled search: the first finds the belt for the second.
+    def stage(held, now):
+        model, task, start = now
+        solved = search.solve(model, task._replace(held=held), start)
+        return solved.held, solved
+
+    _, both = jax.lax.scan(stage, held, stages)
+    rest, run = (jax.tree.map(lambda x, k=k: x[k], both) for k in (0, 1))
+    return rest.converged, run
+
+
+def _too_stiff(model: physics.ContactModel) -> Bool[Array, ""]:
+    """Whether the tension at rest, which is 1, is below EI/(2 R^2)."""
+    return jnp.max(model.EI / model.rho**2 / 2) >= 1.0
+
+
+def _state(drive, travel, scales, model, solved, drawn, result) -> ContactState:
+    """The solution in SI and listed order."""
+    loop, force, length = solved.loop, scales.tension, scales.length
+    order, factor = TravelOrder.of(len(model.rho), travel), jnp.exp(solved.unknown.scale)
+    unit_of_speed = length / scales.time
+    T, V, outward = (
+        jnp.where(travel > 0, ends, ends[:, ::-1])[order.spans]
+        for ends in _ends(drive.sense, loop, model)
+    )
+    surface = physics.speed(loop.P_in, model.EI * loop.kap**2 / 2, loop, model)
+    taken = factor * model.pull
+    radii = drive.radii
+    return ContactState(
+        wraps=loop.touching[order.pulleys],
+        slips=loop.slip[order.pulleys],
+        adhesions=(loop.touching - loop.slip)[order.pulleys],
+        moments=taken[order.pulleys] * force * radii,
+        pulley_speeds=surface[order.pulleys] * unit_of_speed / radii,
+        contact_curvatures=jnp.abs(loop.kap[order.pulleys]) / length,
+        span_lengths=loop.spans.L[order.spans] * length,
+        unstretched_span_lengths=loop.unstretched[order.spans] * length,
+        tensions=T * force,
+        speeds=V[:, ::2] * unit_of_speed,
+        angles=outward[:, ::2],
+        unstretched_length=solved.held.L0 * length,
+        unstretched_speed=loop.V_ref * unit_of_speed,
+        mass_flow=physics.mass_flow(loop, model) * force / unit_of_speed,
+        efficiency=physics.efficiency(loop, model),
+        driver_moment=jnp.abs(model.driver @ taken) * force * (drive.drives @ radii),
+        torque_factor=factor,
+        arm_angle=None if drive.tensioner is None else drawn + solved.unknown.turn,
+        free_angle=None if drive.tensioner is None else drawn - solved.held.wind_up,
+        forward=travel > 0,
+        inside_left=drive.sense * travel > 0,
+        model=model,
+        solved=solved,
+        scales=scales,
+        error=solved.residual,
+        result=result,
+        stats={"steps": solved.steps, "load": solved.load},
+    )
+
+
+def _ends(sense, loop: physics.Loop, model: physics.ContactModel):
+    """Tension, speed and outward inclination at the start, middle and end of each span."""
+    bent = model.EI * loop.kap**2 / 2
+    P = jnp.stack([loop.P_out, loop.spans.P_mid, jnp.roll(loop.P_in, -1)], axis=1)
+    bents = jnp.stack([bent, loop.C - loop.spans.P_mid, jnp.roll(bent, -1)], axis=1)
+    start, end = physics.inclinations(loop.spans, model)
+    outward = -jax.lax.stop_gradient(sense) * jnp.stack([start, 0 * start, end], axis=1)
+    return physics.tension(P, bents, loop, model), physics.speed(P, bents, loop, model), outward

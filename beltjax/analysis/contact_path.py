@@ -1,0 +1,146 @@
+"""The belt of a contact state as a curve: where it runs, adheres and slips, how tight, how fast."""
+
+from typing import Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.integrate import cumulative_simpson
+
+from beltjax.analysis.contact import ContactState
+from beltjax.physics import contact as physics
+from beltjax.physics.elastica import curvature_along
+
+POINTS = 241  # on each piece
+Zone = Literal["span", "adhesion", "slip"]
+
+
+class BeltPiece(NamedTuple):
+    """One span, or one arc on a pulley, from where the belt comes to where it goes."""
+
+    zone: Zone
+    place: int  # of the span, or of the pulley, in the list
+    arc_length: np.ndarray  # from the start of the travel's first pulley [m]
+    positions: np.ndarray  # [points, 2] [m]
+    tension: np.ndarray  # [N]
+    speed: np.ndarray  # [m/s]
+    curvature: np.ndarray  # [1/m], positive where the belt turns left
+
+
+def belt_pieces(state: ContactState, points: int = POINTS) -> tuple[BeltPiece, ...]:
+    """The whole belt, piece by piece in the direction of travel, from the first listed pulley.
+
+    Arcs of no length are left out. Raises nothing: of a state that was not found the pieces are
+    those of its placeholders.
+    """
+    loop, model = jax.device_get((state.solved.loop, state.model))
+    curvatures = _span_curvatures(state, points)
+    count, pieces, run = len(model.rho), [], 0.0
+    forward = bool(state.forward)
+    for k in range(count):
+        pulley = k if forward else -k % count
+        span = k if forward else (-k - 1) % count
+        for piece in (*_arcs(k, loop, model, points), _span(k, curvatures[k], loop, model)):
+            place = span if piece.zone == "span" else pulley
+            if piece.arc_length[-1] > 0:
+                pieces.append(_in_si(piece, place, run, state))
+                run += piece.arc_length[-1]
+    return tuple(pieces)
+
+
+def _span_curvatures(state: ContactState, points: int) -> np.ndarray:
+    loop = state.solved.loop
+    along = jnp.linspace(0.0, 1.0, points)
+    return np.asarray(_curvatures(loop.spans, loop.data, along))
+
+
+@jax.jit
+def _curvatures(spans, data, along):
+    return jax.vmap(lambda span, of: curvature_along(span, of, along * span.L))(spans, data)
+
+
+def _arcs(k: int, loop: physics.Loop, model: physics.ContactModel, points: int):
+    """Arcs of adhesion and of slip on the k-th pulley that the belt meets."""
+    rho, turn = float(model.rho[k]), np.sign(model.rho[k])
+    before = k - 1
+    across, up = loop.x[k] - loop.x[before], loop.y[k] - loop.y[before]
+    entry = np.arctan2(up, across) + loop.spans.phi[before] + 2 * turn * loop.spans.u_j[before]
+    adhesion, slip = max(float(loop.touching[k] - loop.slip[k]), 0.0), float(loop.slip[k])
+    rate = np.sign(loop.P_out[k] - loop.P_in[k]) * model.mu[k]
+    bent = model.EI * loop.kap[k] ** 2 / 2
+    zones: list[tuple[Zone, float, float]] = [("adhesion", 0.0, adhesion), ("slip", adhesion, slip)]
+    for zone, start, length in zones:
+        angle = start + np.linspace(0.0, length, points)
+        inclination = entry + turn * angle
+        P = loop.P_in[k] * np.exp(rate * np.maximum(angle - adhesion, 0.0))
+        x = loop.x[k] + rho * np.sin(inclination)
+        y = loop.y[k] - rho * np.cos(inclination)
+        yield BeltPiece(
+            zone,
+            k,
+            np.abs(rho) * (angle - start),
+            np.stack([x, y], axis=1),
+            np.asarray(physics.tension(P, bent, loop, model)),
+            np.asarray(physics.speed(P, bent, loop, model)),
+            np.full(points, loop.kap[k]),
+        )
+
+
+def _span(k: int, kap: np.ndarray, loop: physics.Loop, model: physics.ContactModel) -> BeltPiece:
+    """The k-th span, its curvature integrated to its inclination and its path."""
+    after = (k + 1) % len(model.rho)
+    across, up = loop.x[after] - loop.x[k], loop.y[after] - loop.y[k]
+    s = np.linspace(0.0, 1.0, len(kap)) * float(loop.spans.L[k])
+    start = (
+        np.arctan2(up, across) + loop.spans.phi[k] - 2 * np.sign(model.rho[k]) * (loop.spans.u_i[k])
+    )
+    inclination = start + cumulative_simpson(kap, x=s, initial=0.0)
+    x = cumulative_simpson(np.cos(inclination), x=s, initial=0.0)
+    y = cumulative_simpson(np.sin(inclination), x=s, initial=0.0)
+    x += loop.x[k] + model.rho[k] * np.sin(start)
+    y += loop.y[k] - model.rho[k] * np.cos(start)
+    bent = model.EI * kap**2 / 2
+    P = loop.C[k] - bent
+    tension = np.asarray(physics.tension(P, bent, loop, model))
+    speed = np.asarray(physics.speed(P, bent, loop, model))
+    return BeltPiece("span", k, s, np.stack([x, y], axis=1), tension, speed, kap)
+
+
+def _in_si(piece: BeltPiece, place: int, run: float, state: ContactState) -> BeltPiece:
+    length, force, time = map(
+        float, (getattr(state.scales, n) for n in ("length", "tension", "time"))
+    )
+    return piece._replace(
+        place=place,
+        arc_length=(run + piece.arc_length) * length,
+        positions=piece.positions * length,
+        tension=piece.tension * force,
+        speed=piece.speed * length / time,
+        curvature=piece.curvature / length,
+    )
+
+
+def span_deflection(state: ContactState, i: int) -> tuple[np.ndarray, np.ndarray]:
+    """Where span i runs beside its straight tangent: along it from its start, and inwards [m].
+
+    Both in listed order, x = 0 at the tangent point of a string. The stiff belt leaves its pulleys
+    elsewhere: x begins and ends where it does.
+    """
+    piece = next(p for p in belt_pieces(state) if p.zone == "span" and p.place == i)
+    loop, model = state.solved.loop, state.model
+    k = i if bool(state.forward) else (-i - 1) % len(model.rho)
+    after = (k + 1) % len(model.rho)
+    center = np.array([loop.x[k], loop.y[k]])
+    line = np.array([loop.x[after], loop.y[after]]) - center
+    d = float(np.hypot(*line))
+    rise = float(model.rho[k] - model.rho[after]) / d
+    run = np.sqrt(1 - rise**2)
+    along = np.array([line[0] * run - line[1] * rise, line[0] * rise + line[1] * run]) / d
+    left = np.array([-along[1], along[0]])
+    length = float(state.scales.length)
+    offset = piece.positions - length * (center - float(model.rho[k]) * left)
+    x, w = offset @ along, offset @ left
+    inward = w if bool(state.inside_left) else -w
+    if bool(state.forward):
+        return x, inward
+    return d * run * length - x[::-1], inward[::-1]

@@ -1,0 +1,249 @@
+"""Belt and pulleys of a whole drive in contact, along the belt's travel (chapter 5).
+
+Pulleys are numbered in the order in which the belt meets them; span i runs from pulley i to i + 1.
+In any consistent units:
+
+    rho    signed radii, positive where the pulley turns the belt left;   kap   signed curvatures
+    C      P + EI kappa^2/2 of each span;   pull   M/R that each pulley takes: C_i - C_{i-1}
+    P_in, P_out   P = T - G V on a pulley where the belt arrives and leaves
+    g      G V_ref, the momentum flux;   V_ref   speed of the unstretched belt
+    law    0: the source's T = EA e;   1: EA e = T + EI kappa^2/2, which conserves energy
+
+The belt adheres from where it arrives and slips, over `slip`, up to where it leaves. A pulley
+without torque whose wrap would be negative keeps touching at one point, where the belt is less
+curved than the pulley: its unknown w is the wrap where positive, and else the logarithm of the
+curvature over 1/R.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from beltjax.physics.elastica import Span, SpanData, elastica, separatrix
+
+Scalar = Float[Array, ""]
+Pulleys = Float[Array, " n"]
+Spans = Float[Array, " n"]
+
+
+class Motion(NamedTuple):
+    """How the belt moves; which numbers are there says by which rule."""
+
+    m0: Scalar  # mass per unstretched length
+    c: Scalar | None  # V_ref
+    v: Scalar | None  # speed of the driver's surface
+    G: Scalar | None  # mass flow, in place of m0
+
+
+class ContactModel(NamedTuple):
+    """A drive, along the travel of its belt."""
+
+    EI: Scalar
+    EA: Scalar
+    law: Scalar
+    x: Pulleys  # centers, the arm as drawn
+    y: Pulleys
+    rho: Pulleys
+    mu: Pulleys
+    pull: Pulleys  # the driver balances the others
+    driver: Pulleys  # 1 for the driver
+    loaded: Pulleys  # 1 where there is torque, at rest or not
+    carried: Pulleys  # 1 for the tensioner's pulley
+    arm: Float[Array, "2"]  # from pivot to pulley, as drawn
+    k_r: Scalar
+    motion: Motion
+
+
+class Unknown(NamedTuple):
+    """What the equations of contact are solved for."""
+
+    w: Pulleys
+    level: Scalar  # log of the least C above what the pulleys' curvatures take
+    turn: Scalar  # of the arm from where it is drawn
+    scale: Scalar  # log of the factor on all torques
+
+
+class Loop(NamedTuple):
+    """All spans and pulleys for given unknowns."""
+
+    data: SpanData  # each leaf [n], as of `spans`
+    spans: Span
+    x: Pulleys  # centers, the arm turned
+    y: Pulleys
+    C: Spans
+    kap: Pulleys
+    wrap: Pulleys
+    touching: Pulleys  # the wrap, by its unknown: zero where a pulley touches at one point
+    slip: Pulleys
+    P_in: Pulleys
+    P_out: Pulleys
+    g: Scalar
+    V_ref: Scalar
+    unstretched: Spans  # lengths of the spans
+    on_pulleys: Pulleys  # unstretched lengths
+    moment: Scalar  # of the belt on the arm
+
+
+def joined(unknown: Unknown, model: ContactModel) -> Loop:
+    """The belt for given unknowns; `physics.contact_search` finds those that fit."""
+    mod = model
+    kap = jnp.exp(jnp.minimum(unknown.w, 0.0) * (1 - mod.loaded)) / mod.rho
+    data, across, up = _span_data(unknown, kap, model)
+    C, d = data.C, data.d
+    spans = jax.vmap(elastica)(data)
+    bent = mod.EI * kap**2 / 2
+    P_in, P_out = _preceding(C) - bent, C - bent
+    V_ref, g = motion(P_in, bent, model)
+    slip = jnp.abs(jnp.log(_positive(P_out) / _positive(P_in))) / mod.mu
+    wrap = _wraps(spans, across, up, d, model)
+    touching = jnp.maximum(unknown.w, jnp.where(mod.loaded > 0, unknown.w, 0.0))
+    force_x = spans.F * (across * jnp.cos(spans.phi) - up * jnp.sin(spans.phi)) / d
+    force_y = spans.F * (across * jnp.sin(spans.phi) + up * jnp.cos(spans.phi)) / d
+    arm_x, arm_y = _turned(mod.arm, unknown.turn)
+    pull_x, pull_y = force_x - _preceding(force_x), force_y - _preceding(force_y)
+    J = spans.J + mod.law * (spans.L / (mod.EA + C) - spans.J)
+    x, y = _centers(unknown.turn, model)
+    return Loop(
+        data=data,
+        spans=spans,
+        x=x,
+        y=y,
+        C=C,
+        kap=kap,
+        wrap=wrap,
+        touching=touching,
+        slip=slip,
+        P_in=P_in,
+        P_out=P_out,
+        g=g,
+        V_ref=V_ref,
+        unstretched=(mod.EA - g) * J,
+        on_pulleys=_on_pulleys(touching - slip, P_in, P_out, mod.law * bent, g, model),
+        moment=mod.carried @ (arm_x * pull_y - arm_y * pull_x),
+    )
+
+
+def _following(values: Array) -> Array:
+    return jnp.roll(values, -1)
+
+
+def _preceding(values: Array) -> Array:
+    return jnp.roll(values, 1)
+
+
+def _positive(P: Array) -> Array:
+    return jnp.maximum(P, 1e-12)
+
+
+def _turned(arm, turn):
+    cos, sin = jnp.cos(turn), jnp.sin(turn)
+    return cos * arm[0] - sin * arm[1], sin * arm[0] + cos * arm[1]
+
+
+def _centers(turn, model: ContactModel):
+    arm_x, arm_y = _turned(model.arm, turn)
+    moved_x, moved_y = arm_x - model.arm[0], arm_y - model.arm[1]
+    return model.x + model.carried * moved_x, model.y + model.carried * moved_y
+
+
+def _span_data(unknown: Unknown, kap: Pulleys, model: ContactModel):
+    """What each span is asked for, with the components of its line of centers."""
+    x, y = _centers(unknown.turn, model)
+    across, up = _following(x) - x, _following(y) - y
+    d = jnp.sqrt(across**2 + up**2)
+    EI, EA = model.EI * jnp.ones_like(d), model.EA * jnp.ones_like(d)
+    C = _tensions(unknown, kap, model)
+    data = SpanData(C, EI, EA, d, model.rho, _following(model.rho), kap, _following(kap))
+    return data, across, up
+
+
+def _tensions(unknown: Unknown, kap: Pulleys, model: ContactModel) -> Spans:
+    """C of each span: steps of M/R from one to the next, all above EI kappa^2/2 at both ends."""
+    offsets = jnp.cumsum(model.pull) * jnp.exp(unknown.scale)
+    taken = model.EI * jnp.maximum(kap**2, _following(kap) ** 2) / 2
+    return jnp.max(taken - offsets) + jnp.exp(unknown.level) + offsets
+
+
+def motion(P_in: Pulleys, bent: Pulleys, model: ContactModel) -> tuple[Scalar, Scalar]:
+    """V_ref and g = G V_ref; the driver's surface runs as fast as the belt that arrives there."""
+    m0, c, v, G = model.motion
+    if c is not None:
+        return c, m0 * c**2
+    assert v is not None  # one of the two speeds is given
+    stiff = model.EA + model.driver @ (P_in + model.law * bent)  # (EA - g) V/V_ref
+    if G is not None:
+        V_ref = v * model.EA / (stiff + G * v)
+        return V_ref, G * V_ref
+    root = jnp.sqrt(stiff**2 + 4 * m0 * v**2 * model.EA)
+    V_ref = 2 * v * model.EA / (stiff + root)
+    return V_ref, m0 * V_ref**2
+
+
+def tension(P: Array, bent: Array, loop: Loop, model: ContactModel) -> Array:
+    """T = P + G V where `bent` is EI kappa^2/2; rows are spans."""
+    stored = model.law * bent
+    return model.EA * (P + stored + loop.g) / (model.EA - loop.g) - stored
+
+
+def speed(P: Array, bent: Array, loop: Loop, model: ContactModel) -> Array:
+    """V of the stretched belt."""
+    return loop.V_ref * (model.EA + P + model.law * bent) / (model.EA - loop.g)
+
+
+def mass_flow(loop: Loop, model: ContactModel) -> Scalar:
+    """G, given or of the belt's mass and speed."""
+    return model.motion.m0 * loop.V_ref if model.motion.G is None else model.motion.G
+
+
+def efficiency(loop: Loop, model: ContactModel) -> Scalar:
+    """Power that the accessories take over the driver's; 1 where there is none.
+
+    A ratio of the belt's stretches, so that it exists for a belt that stands still.
+    """
+    stretch = model.EA + loop.P_in + model.law * model.EI * loop.kap**2 / 2
+    given = -model.driver @ (model.pull * stretch)
+    taken = (1 - model.driver) @ (model.pull * stretch)
+    return jnp.where(given == 0, 1.0, taken / jnp.where(given == 0, 1.0, given))
+
+
+def inclinations(spans: Span, model: ContactModel) -> tuple[Spans, Spans]:
+    """Directions of the belt at the spans' starts and ends, from the lines of centers."""
+    turn = jnp.sign(model.rho)
+    return spans.phi - 2 * turn * spans.u_i, spans.phi + 2 * _following(turn) * spans.u_j
+
+
+def _wraps(spans: Span, across, up, d, model: ContactModel) -> Pulleys:
+    """Angles by which the pulleys turn the belt; negative where it would have to bend back.
+
+    Told from a full turn less by the angles of a string, which lie in (-90, 270) degrees.
+    """
+    cos, sin = across / d, up / d
+    rise = jnp.clip((model.rho - _following(model.rho)) / d, -1.0, 1.0)
+    run = jnp.sqrt(jnp.maximum(1 - rise**2, 1e-12))
+    along_x, along_y = cos * run - sin * rise, sin * run + cos * rise
+    before_x, before_y = _preceding(along_x), _preceding(along_y)
+    turn = jnp.sign(model.rho)
+    straight = turn * jnp.arctan2(
+        before_x * along_y - before_y * along_x, before_x * along_x + before_y * along_y
+    )
+    straight = jnp.where(straight < -jnp.pi / 2, straight + 2 * jnp.pi, straight)
+    string = jnp.arctan2(rise, run)
+    start, end = inclinations(spans, model)
+    return straight + turn * ((start - string) - _preceding(end - string))
+
+
+def _on_pulleys(adhesion, P_in, P_out, bent, g, model: ContactModel) -> Pulleys:
+    """Unstretched lengths of the arcs of adhesion and of slip (5.26)."""
+    R, stiff = jnp.abs(model.rho), model.EA + bent
+    high = _positive(jnp.maximum(P_in, P_out))
+    low = _positive(jnp.minimum(P_in, P_out))
+    slipping = jnp.log(high / low * (stiff + low) / (stiff + high)) / (model.mu * stiff)
+    return (model.EA - g) * R * (adhesion / (stiff + P_in) + slipping)
+
+
+def long_wraps(unknown: Unknown, model: ContactModel) -> Pulleys:
+    """Wraps of spans that are long beside their bent ends."""
+    data, across, up = _span_data(unknown, 1 / model.rho, model)
+    return _wraps(jax.vmap(separatrix)(data), across, up, data.d, model)

@@ -1,0 +1,332 @@
+"""The free span between two pulleys as an elastica, contact points unknown (chapter 5).
+
+Written along the belt's travel, in any consistent units, for pulleys that turn the belt the same
+way or opposite ways. The span leaves a pulley of signed radius rho_i (positive where it turns the
+belt left) at the origin, and arrives at one of rho_j at (d, 0). With
+
+    C = P + EI kappa^2/2 (constant),  F and phi size and direction of the internal force,
+    psi = theta - phi,  psi_0 = -2 t_i u_i,  psi_L = 2 t_j u_j,   q = 2(C - F)/EI
+
+    kappa^2 = q + (4F/EI) sin^2(psi/2),   P = F cos psi,   EI kappa' = F sin psi
+
+q > 0 where both ends turn the same way: |kappa| has its least value sqrt(q) inside. q < 0 where
+they turn opposite ways: kappa passes through zero. In a long span q vanishes like e^{-L/ell} with
+ell = sqrt(EI/C), and below rounding the span is explicit: `separatrix`.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from beltjax.numerics.elliptic import carlson, jacobi_dn_sd
+from beltjax.numerics.roots import solve_dense, system_root
+
+Scalar = Float[Array, ""]
+Pair = Float[Array, "2"]
+
+LONG = 35.0  # lengths ell beyond which e^{-L/ell} is below rounding
+
+
+class SpanData(NamedTuple):
+    """What a span is asked for."""
+
+    C: Scalar
+    EI: Scalar
+    EA: Scalar
+    d: Scalar  # distance of the centers
+    rho_i: Scalar  # signed radii
+    rho_j: Scalar
+    kap_i: Scalar  # signed curvatures at contact: 1/rho, or less where a point alone touches
+    kap_j: Scalar
+
+
+class Span(NamedTuple):
+    """A span's solution. Angles are from the line of centers, positive to the left."""
+
+    F: Scalar
+    phi: Scalar
+    q: Scalar
+    u_i: Scalar  # half the angles between the ends' tangents and the force
+    u_j: Scalar
+    L: Scalar
+    J: Scalar  # integral of ds/(EA + P)
+    P_mid: Scalar  # at half the arc
+    long: Bool[Array, ""]  # solved by `separatrix`
+    converged: Bool[Array, ""]
+    residual: Scalar
+
+
+class Ends(NamedTuple):
+    """Where the force and the ends' tangents point."""
+
+    F: Scalar
+    q: Scalar
+    u_i: Scalar
+    u_j: Scalar
+
+
+class Arcs(NamedTuple):
+    """Integrals from the point of least |kappa| to two others."""
+
+    I0: Pair  # ds
+    I2: Pair  # kappa^2 ds
+    J: Pair  # ds/(EA + P)
+
+
+def elastica(span: SpanData) -> Span:
+    """The span whose ends are tangent to both pulleys.
+
+    Needs P > 0 at both ends, that is C > EI kappa^2/2, and pulleys that do not overlap. Kong
+    (2003), eqs. (5.9), (5.16)-(5.21) with contact as a vector condition; MODEL.md, section 4.
+    """
+    limit = separatrix(span)
+    long = jax.lax.stop_gradient(LONG * _layer(span) < limit.L)
+    # The one not taken must not spoil the other's derivatives.
+    bent = _bent(jax.tree.map(lambda a, b: jnp.where(long, a, b), _harmless(span), span))
+    return jax.tree.map(lambda a, b: jnp.where(long, a, b), limit, bent)
+
+
+def _harmless(span: SpanData) -> SpanData:
+    """A span that `_bent` solves at once."""
+    return SpanData(*(jnp.full_like(span.C, x) for x in (1.0, 1.0, 1e3, 10.0, 1.0, 1.0, 1.0, 1.0)))
+
+
+def _layer(span: SpanData) -> Scalar:
+    """Ell = sqrt(EI/C), the length of the bent ends; its slope at EI = 0 is taken as 0, not inf."""
+    ratio = span.EI / span.C
+    bent = ratio > 0
+    return jnp.where(bent, jnp.sqrt(jnp.where(bent, ratio, 1.0)), 0.0)
+
+
+def _thrust(span: SpanData, F: Scalar) -> Scalar:
+    """sin(phi), by the force's distances from both centers (its moments about them)."""
+
+    def distance(rho, kap):
+        return (rho * (span.C - span.EI * kap**2 / 2) + span.EI * kap) / F
+
+    return (distance(span.rho_i, span.kap_i) - distance(span.rho_j, span.kap_j)) / span.d
+
+
+def _sines(span: SpanData, u_i: Scalar, u_j: Scalar) -> Scalar:
+    """How far the contact points lie outside the centers, along the force."""
+    return jnp.abs(span.rho_i) * jnp.sin(2 * u_i) + jnp.abs(span.rho_j) * jnp.sin(2 * u_j)
+
+
+def separatrix(span: SpanData) -> Span:
+    """The limit q = 0 of a long span, explicit; at EI = 0 the straight span of a string."""
+    ell, C = _layer(span), span.C
+    u_i, u_j = (jnp.arcsin(ell * jnp.abs(kap) / 2) for kap in (span.kap_i, span.kap_j))
+    sine = _thrust(span, C)
+    # A thrust line that would have to point backwards is not a long span: `_bent` finds it.
+    phi = jnp.arcsin(jnp.clip(sine, -1.0 + 1e-9, 1.0 - 1e-9))
+    bent = (1 - jnp.cos(u_i)) + (1 - jnp.cos(u_j))
+    L = span.d * jnp.cos(phi) + _sines(span, u_i, u_j) + 2 * ell * bent
+    # The bent ends carry less tension, and strain less, than C; elementary in cos u.
+    w = jnp.sqrt(2 * C / (span.EA - C))
+
+    def less(u):
+        c = jnp.cos(u)
+        return jnp.arctan(w * (1 - c) / (1 + w**2 * c))
+
+    shortfall = 2 * C * ell * (less(u_i) + less(u_j)) / jnp.sqrt(2 * C * (span.EA - C))
+    return Span(
+        F=C,
+        phi=phi,
+        q=jnp.zeros_like(C),
+        u_i=u_i,
+        u_j=u_j,
+        L=L,
+        J=(L + shortfall) / (span.EA + C),
+        P_mid=C,
+        long=jnp.array(True),
+        converged=jnp.array(True),
+        residual=jnp.zeros_like(C),
+    )
+
+
+def ends_of(zeta: Scalar, span: SpanData) -> Ends:
+    """Force and ends for the distance zeta from the separatrix.
+
+    u_B = u* (1 -+ e^-zeta) at the end B of smaller |kappa|, where sin u* belongs to q = 0; then q
+    follows without cancellation, however small.
+    """
+    C, EI = span.C, span.EI
+    same = span.kap_i * span.kap_j > 0
+    k_i, k_j = jnp.abs(span.kap_i), jnp.abs(span.kap_j)
+    k_B, k_A = jnp.minimum(k_i, k_j), jnp.maximum(k_i, k_j)
+    u_star = jnp.arcsin(jnp.sqrt(EI / C) * k_B / 2)
+    h = jnp.where(same, -jnp.exp(-zeta), jnp.exp(-zeta))
+    u_B = u_star * (1 + h)
+    q = -(4 * C / EI) * jnp.sin(u_star * h) * jnp.sin(u_star * (2 + h)) / jnp.cos(2 * u_B)
+    F = C - EI * q / 2
+    sine = jnp.sqrt(jnp.clip(EI * (k_A**2 - q) / (4 * F), 1e-30, 1.0))
+    u_A = jnp.where(k_A > k_B, jnp.arcsin(jnp.minimum(sine, 1.0 - 1e-12)), u_B)
+    first = k_i <= k_j
+    return Ends(F, q, jnp.where(first, u_B, u_A), jnp.where(first, u_A, u_B))
+
+
+def arcs(ends: Ends, kap: Pair, u: Pair, span: SpanData, third: bool = True) -> Arcs:
+    """Integrals from the point of least |kappa| to those of curvature kap and half angle u.
+
+    Signed like the part of the span they measure: odd in u where q > 0 and in kap where q < 0.
+    """
+    same = span.kap_i * span.kap_j > 0
+    C, F, EI, EA = span.C, ends.F, span.EI, span.EA
+    q, b = ends.q, 4 * F / EI
+    s, c = jnp.sin(u), jnp.cos(u)
+    # Either way 2 g R_F, and h (2/3) g^3 times R_D or R_J.
+    g = jnp.where(same, s, kap)
+    h = jnp.where(same, b * q, -q * (b + q))
+    x = jnp.where(same, q * c**2, (b + q) * b * s**2)
+    y = jnp.where(same, q + b * s**2, -q * b * c**2)
+    z = jnp.where(same, q, -q * (b + q))
+    n = jnp.where(same, 2 * F / (EA + F), EI / (2 * (EA + C)))
+    found = carlson(x, y, z, z * (1 - n * g**2) if third else None)
+    I0, cubed = 2 * g * found.rf, (2 / 3) * h * g**3
+    I2 = cubed * found.rd + jnp.where(same, q, 0.0) * I0
+    strained = jnp.where(same, (2 * F / (EA + F)) * q, n * h)
+    J = (I0 + (2 / 3) * strained * g**3 * found.rj) / jnp.where(same, EA + F, EA + C)
+    return Arcs(I0, I2, J)
+
+
+def to_ends(ends: Ends, span: SpanData, third: bool = True) -> Arcs:
+    """`arcs` to the start and to the end of the span, both positive."""
+    kap = jnp.abs(jnp.stack([span.kap_i, span.kap_j]))
+    return arcs(ends, kap, jnp.stack([ends.u_i, ends.u_j]), span, third)
+
+
+def _residuals(unknown: Pair, span: SpanData) -> Pair:
+    """The force's direction and the closure of the span along it, for (z, phi)."""
+    ends = ends_of(unknown[0] + span.d / _layer(span), span)
+    return _unmet(unknown[1], ends, to_ends(ends, span, third=False), span)
+
+
+def _unmet(phi: Scalar, ends: Ends, parts: Arcs, span: SpanData) -> Pair:
+    L, I2 = jnp.sum(parts.I0), jnp.sum(parts.I2)
+    along = (span.C * L - span.EI * I2 / 2) / ends.F - _sines(span, ends.u_i, ends.u_j)
+    return jnp.stack(
+        [
+            jnp.sin(phi) - _thrust(span, ends.F),
+            # In lengths ell, in which z moves it by as much as z.
+            (along - span.d * jnp.cos(phi)) / _layer(span),
+        ]
+    )
+
+
+def _start(span: SpanData) -> Float[Array, "2"]:
+    """(z, phi) by the separatrix values, exact for a long span."""
+    limit = separatrix(span)
+    ell = _layer(span)
+    kap = jnp.minimum(jnp.abs(span.kap_i), jnp.abs(span.kap_j))
+    u_star = jnp.arcsin(ell * kap / 2)
+    small = 16 * jnp.tan(limit.u_i / 2) * jnp.tan(limit.u_j / 2) / jnp.tan(2 * u_star) / u_star
+    z = (limit.L - span.d) / ell - jnp.log(small)
+    # Not closer to h = 1 than half way, where a span of no length begins.
+    return jnp.stack([jnp.maximum(z, 0.5 - span.d / ell), limit.phi])
+
+
+def _bent(span: SpanData) -> Span:
+    fixed = jax.lax.stop_gradient(span)
+    found = system_root(
+        lambda x: _residuals(x, fixed), _start(fixed), jnp.array([1.5, 0.5]), tol=1e-9
+    )
+    return Span(
+        **_at_root(found.root, span)._asdict(),
+        long=jnp.array(False),
+        converged=found.converged,
+        residual=jnp.max(jnp.abs(found.residual)),
+    )
+
+
+class _Shape(NamedTuple):
+    """The numbers of a `Span` that change with what it is asked for."""
+
+    F: Scalar
+    phi: Scalar
+    q: Scalar
+    u_i: Scalar
+    u_j: Scalar
+    L: Scalar
+    J: Scalar
+    P_mid: Scalar
+
+
+def _shape(unknown: Pair, span: SpanData) -> tuple[_Shape, Pair]:
+    """The span of any (z, phi), and what it leaves of its equations."""
+    z, phi = unknown
+    ends = ends_of(z + span.d / _layer(span), span)
+    parts = to_ends(ends, span)
+    middle = curvature(ends, (parts.I0[1] - parts.I0[0]) / 2, span)
+    shape = _Shape(
+        F=ends.F,
+        phi=phi,
+        q=ends.q,
+        u_i=ends.u_i,
+        u_j=ends.u_j,
+        L=jnp.sum(parts.I0),
+        J=jnp.sum(parts.J),
+        P_mid=span.C - span.EI * middle**2 / 2,
+    )
+    return shape, _unmet(phi, ends, parts, span)
+
+
+@jax.custom_jvp
+def _at_root(root: Pair, span: SpanData) -> _Shape:
+    """The span of a root that was found; its derivative is of the equations, met at every change.
+
+    As `implicit_root` does it, but the equations and the shape they give are linearized together:
+    they share the integrals, whose derivatives are most of what there is to compile.
+    """
+    return _shape(root, span)[0]
+
+
+@_at_root.defjvp
+def _at_root_jvp(primals, tangents):
+    (root, span), (_, change) = primals, tangents
+    (shape, _), push = jax.linearize(_shape, root, span)
+    still = jax.tree.map(jnp.zeros_like, span)
+    by_root, matrix = jax.vmap(lambda t: push(t, still), out_axes=-1)(jnp.eye(2))
+    direct, unmet = push(jnp.zeros(2), change)
+    moved = -solve_dense(matrix, unmet)
+    return shape, jax.tree.map(lambda a, b: a + b @ moved, direct, by_root)
+
+
+def curvature(ends: Ends, s: Scalar, span: SpanData) -> Scalar:
+    """Kappa at the arc length s from the point of least |kappa|, towards the span's end."""
+    same = span.kap_i * span.kap_j > 0
+    b, q = 4 * ends.F / span.EI, ends.q
+    m = jnp.where(same, q / (q + b), -q / b)  # 1 - the parameter
+    rate = jnp.sqrt(jnp.where(same, q + b, b)) / 2
+    dn, sd = jacobi_dn_sd(rate * s, m)
+    lowest = jnp.sqrt(jnp.where(same, q, 1.0)) / dn
+    passing = jnp.sqrt(jnp.where(same, 1.0, -q * (1 + q / b))) * sd
+    return jnp.sign(span.kap_j) * jnp.where(same, lowest, passing)
+
+
+def curvature_along(span: Span, data: SpanData, s: Array) -> Array:
+    """Signed curvature at arc lengths s [points] from the span's start."""
+    bent = _bent_curvature(span, data, s)
+    return jnp.where(span.long, _long_curvature(span, data, s), bent)
+
+
+def _bent_curvature(span: Span, data: SpanData, s: Array) -> Array:
+    safe = jax.tree.map(lambda a, b: jnp.where(span.long, a, b), _harmless(data), data)
+    ends = Ends(span.F, jnp.where(span.long, 0.1, span.q), span.u_i, span.u_j)
+    from_least = s - to_ends(ends, safe, third=False).I0[0]
+    return curvature(ends, from_least, safe)
+
+
+def _long_curvature(span: Span, data: SpanData, s: Array) -> Array:
+    """Both bent ends, tan(u/2) falling off from each like e^{-s/ell}."""
+    ell = _layer(data)
+    unbent = ell == 0
+    ell = jnp.where(unbent, 1.0, ell)
+
+    def end(u, kap, away):
+        fallen = 2 * jnp.arctan(jnp.tan(u / 2) * jnp.exp(-away / ell))
+        return jnp.sign(kap) * 2 * jnp.sin(fallen) / ell
+
+    bent = end(span.u_i, data.kap_i, s) + end(span.u_j, data.kap_j, span.L - s)
+    return jnp.where(unbent, 0.0, bent)
