@@ -6,6 +6,7 @@ from typing import Literal, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from beltjax.analysis.damping import Damping, damping_matrix
@@ -66,7 +67,7 @@ class Modes(eqx.Module):
     @property
     def labels(self) -> tuple[str, ...]:
         """'rotational', 'span 0', 'spans' or 'coupled', by the shares of kinetic energy."""
-        rigid = jnp.sum(self.pulley_shares, axis=1) + self.arm_shares
+        rigid = np.sum(np.asarray(self.pulley_shares), axis=1) + np.asarray(self.arm_shares)
         return tuple(
             mode_label(float(share), spans)
             for share, spans in zip(rigid, self.span_shares.tolist(), strict=True)
@@ -287,8 +288,22 @@ def _span_squares(lin: Linearization, fields, arm, of: Products) -> Float[Array,
     return own + 2 * cross.real + square * (jnp.abs(arm) ** 2)[:, None]
 
 
-def modes_with_slopes(lin: Linearization, count: int) -> tuple[Modes, Linearization]:
-    """Undamped modes, and the derivative of each frequency by the numbers of the linearization.
+class Pencil(NamedTuple):
+    """What the frequencies of a linearization depend on; with a leading axis, their slopes."""
+
+    mass: Float[Array, "size size"]
+    gyroscopic: Float[Array, "size size"]
+    stiffness: Float[Array, "size size"]
+    time: Float[Array, ""]  # [s]
+
+
+def pencil(lin: Linearization) -> Pencil:
+    """What the frequencies of `lin` depend on."""
+    return Pencil(lin.mass, lin.gyroscopic, lin.stiffness, lin.scales.time)
+
+
+def modes_with_slopes(lin: Linearization, count: int) -> tuple[Modes, Pencil]:
+    """Undamped modes, and the derivative of each frequency by what it depends on.
 
     The same as those of `modes`, at a fraction of the compiling: the shapes' are left out.
     """
@@ -296,13 +311,11 @@ def modes_with_slopes(lin: Linearization, count: int) -> tuple[Modes, Linearizat
     eigen = found.eigen
     result = _result(lin, found, "hermitian")
 
-    def frequencies(lin):
-        matrices = lin.mass, lin.gyroscopic, lin.stiffness
-        raw = eigenvalues(*matrices, eigen.values, eigen.left, eigen.vectors).imag
-        raw = raw / lin.scales.time
+    def frequencies(at: Pencil):
+        raw = eigenvalues(*at[:3], eigen.values, eigen.left, eigen.vectors).imag / at.time
         return frozen_where_failed(raw, RESULTS.where(found.usable, RESULTS.successful, result))
 
-    _, pull = eqx.filter_vjp(frequencies, lin)
+    _, pull = jax.vjp(frequencies, pencil(lin))
     (slopes,) = jax.vmap(pull)(jnp.eye(count))
     values = eigen.values
     return described(lin, found, values.imag, values.real, eigen.vectors, result), slopes

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from beltjax.analysis.linearization import has_inertias, linearize
-from beltjax.analysis.modes import Modes, modes_with_slopes
+from beltjax.analysis.modes import Modes, modes_with_slopes, pencil
 from beltjax.analysis.steady import SteadyState, steady_state
 from beltjax.drive.components import Drive, OperatingPoint
 
@@ -60,9 +60,11 @@ def sensitivities(drive: Drive, point: OperatingPoint, count: int, basis) -> Sen
     def states(numbers):
         steady = steady_state(*numbers, throw=False)
         linearization = linearize(steady, basis) if vibrates else None
-        return (jnp.sum(steady.coupling), linearization), steady
+        moved = pencil(linearization) if linearization is not None else None
+        return (jnp.sum(steady.coupling), moved), (steady, linearization)
 
-    (total, linearization), pull, steady = eqx.filter_vjp(states, (drive, point), has_aux=True)
+    (total, _), pull, found = eqx.filter_vjp(states, (drive, point), has_aux=True)
+    steady, linearization = found
     if linearization is None:
         return Sensitivities(steady, None, pull((jnp.ones_like(total), None))[0], None)
     modes, slopes = modes_with_slopes(linearization, count)

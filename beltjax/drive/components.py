@@ -22,7 +22,11 @@ def as_real(value: Any) -> Array:
             "beltjax needs double precision: call jax.config.update('jax_enable_x64', True) "
             "before building a drive, or set JAX_ENABLE_X64=1."
         )
-    # A bare jnp.asarray(0.03) is weakly typed and costs a second compilation.
+    # A bare jnp.asarray(0.03) is weakly typed and costs a second compilation. Plain numbers are
+    # converted by NumPy, which compiles nothing.
+    numbers = jax.tree.leaves(value)
+    plain = numbers and all(isinstance(number, int | float) for number in numbers)
+    value = np.asarray(value, dtype=np.float64) if plain else value
     return jnp.asarray(value, dtype=jnp.float64)
 
 

@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 Scalar = Float[Array, ""]
 
 _CLOSE = 1e-12  # relative width of the bracket in which a root has been caught
+_NEARLY = 100.0  # times that width, to which rounding may spoil the function
 _FIRST_STRIDE = 0.01
 
 
@@ -29,7 +30,7 @@ class _State(NamedTuple):
     refined: Scalar  # x after one Newton step
     lower: Scalar
     upper: Scalar
-    last: Scalar  # size of the last step
+    last: Scalar  # size of the last step, twice that of a bisection
     stride: Scalar
     steps: Int[Array, ""]
 
@@ -60,24 +61,37 @@ def counted_root(
         newton = -here / jnp.where(slope == 0, 1.0, slope)
         close = _CLOSE * x
         refined = jnp.clip(x + newton, lower, upper)
-        # At a root the last thing to do is to step over it, so that the bracket closes.
-        stepped = jnp.where(over, -1.0, 1.0) * jnp.maximum(jnp.abs(newton), close)
+        # At a root the last thing to do is to step over it, so that the bracket closes. Rounding
+        # may put the function's zero a little to the other side of x than the count does: then
+        # twice as far, the way the count points.
+        small = jnp.abs(newton) <= _NEARLY * close
+        against = over != (newton < 0)
+        reach = jnp.where(against, 2.0, 1.0) * jnp.abs(newton)
+        stepped = jnp.where(over, -1.0, 1.0) * jnp.maximum(reach, close)
         shrinks = jnp.abs(newton) <= jnp.maximum(0.5 * state.last, close)
         bracketed = jnp.isfinite(upper) & (lower > 0)
         limit = state.stride * x
         stride = jnp.where(bracketed, state.stride, 2.0 * state.stride)
-        towards = jnp.where(over == (newton < 0), stepped, jnp.inf)
+        towards = jnp.where(against, jnp.inf, stepped)
         looking = x + jnp.where(over, -1.0, 1.0) * jnp.minimum(
             jnp.where(jnp.abs(newton) <= limit, 1.5 * jnp.abs(newton) + close, limit), limit
         )
-        inside = (x + towards > lower) & (x + towards < upper) & shrinks
-        trial = jnp.where(inside, x + towards, 0.5 * (lower + upper))
+        # An end of the bracket may be the root itself, and a step point past it; next to it is
+        # where to look then.
+        target = x + towards
+        outside = jnp.maximum(lower - target, target - upper)
+        inside = (outside < jnp.maximum(_NEARLY * close, 0.1 * (upper - lower))) & shrinks
+        target = jnp.clip(target, lower + close, upper - close)
+        trial = jnp.where(inside, target, 0.5 * (lower + upper))
         # Towards a root that is all but reached, also when the step itself points away from it.
-        over_it = jnp.abs(newton) <= close
+        over_it = (jnp.abs(newton) <= close) | (against & small)
         trial = jnp.where(over_it, jnp.clip(x + stepped, lower, upper), trial)
         trial = jnp.where(bracketed, trial, looking)
         trial = jnp.maximum(trial, 0.25 * x)
-        return _State(trial, refined, lower, upper, jnp.abs(trial - x), stride, state.steps + 1)
+        # After a bisection a Newton step to anywhere in the bracket is progress.
+        bisected = bracketed & ~inside & ~over_it
+        last = jnp.where(bisected, 1.01 * (upper - lower), jnp.abs(trial - x))
+        return _State(trial, refined, lower, upper, last, stride, state.steps + 1)
 
     def open_(state: _State) -> Bool[Array, ""]:
         return state.upper - state.lower > 4 * _CLOSE * state.x

@@ -29,6 +29,7 @@ Scalar = Float[Array, ""]
 Spans = Float[Array, " spans"]
 ComplexSpans = Complex[Array, " spans"]
 
+_TINY = 1e-150  # whose inverse has a square that is finite
 _LEAST_STIFFNESS = 1e-30  # below it a span is a string to rounding
 
 
@@ -242,7 +243,7 @@ def characteristic(
     """Characteristic function of the drive at `omega` > 0, and how many frequencies lie below."""
     of = span_response(m, omega)
     on_delta, coupling, own = dynamic_stiffness(m, kept, arm, omega, of)
-    pivots = jnp.where(on_delta == 0, -1e-300, on_delta)
+    pivots = _not_zero(on_delta, -_TINY)
     rest = own - jnp.einsum("sa,s,sb->ab", jnp.conj(coupling), 1 / pivots, coupling)
     later = _pivots(rest)
     value = jnp.prod(pivots) * jnp.prod(later) * jnp.prod(of.held)
@@ -251,12 +252,16 @@ def characteristic(
     return Characteristic(value, negative + jnp.sum(of.below))
 
 
+def _not_zero(pivot: Array, tiny: float) -> Array:
+    """`pivot`, or `tiny` where it is 0: its derivative, which a root needs most, is kept."""
+    return pivot + jnp.where(pivot == 0, tiny, 0.0)
+
+
 def _pivots(matrix: Complex[Array, "n n"]) -> Float[Array, " n"]:
     """Pivots of Gaussian elimination of a Hermitian matrix: their signs are its inertia."""
 
     def eliminate(left, j):
-        pivot = left[j, j].real
-        pivot = jnp.where(pivot == 0, 1e-300, pivot)
+        pivot = _not_zero(left[j, j].real, _TINY)
         return left - jnp.outer(left[:, j], left[j, :]) / pivot, pivot
 
     _, pivots = jax.lax.scan(eliminate, matrix, jnp.arange(len(matrix)))

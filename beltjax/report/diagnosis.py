@@ -56,7 +56,10 @@ def diagnose(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagno
 def _moved_layout_diagnosis(drive: Drive, steady: SteadyState) -> Diagnosis | None:
     if drive.tensioner is None:
         return None
-    drawn = float(np.arctan2(*np.asarray(drive.arm)[::-1]))
+    # In NumPy: JAX would compile each operation.
+    carried = next(pulley.center for pulley in drive.pulleys if float(pulley.on_arm))
+    x, y = np.asarray(carried) - np.asarray(drive.tensioner.pivot)
+    drawn = float(np.arctan2(y, x))
     turn = float(steady.reference.layout.arm_angle) - drawn
     fault = layout_fault(drive, turn)
     if fault is None:

@@ -1,80 +1,116 @@
-"""Programs kept between runs of the command line, so that a second run traces nothing.
+"""Programs kept between runs of the command line, so that a second run traces and compiles nothing.
 
-JAX's persistent cache saves compiling but not the tracing before it, which takes longer than all
-the rest of a short command. Here the traced program is kept beside that cache, as `jax.export`
-writes it, under a name made of everything it depends on.
+JAX's persistent cache saves compiling but not the tracing and lowering before it, which take
+longer than all the rest of a short command. Here the compiled program is kept beside that cache,
+under a name made of everything it depends on.
 """
 
+import concurrent.futures
 import hashlib
+import os
 import pickle
+import platform
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import equinox as eqx
 import jax
-from jax import export
+import jaxlib.version
+from jax.experimental import serialize_executable
 
 import beltjax
-from beltjax.numerics.compilation import quick_options, quickly_compiled
+from beltjax.numerics.compilation import (
+    Form,
+    flat_call,
+    in_form,
+    quick_options,
+    quickly_compiled,
+)
+from beltjax.numerics.fusion import with_bounded_fusion
 from beltjax.writing import write_whole
+
+_KEPT = "jax_persistent_cache_min_compile_time_secs"
 
 
 def run_kept(function: Callable, *args: Any) -> Any:
     """`function(*args)` for arguments of arrays and static parts, its program kept for next time.
 
-    Without a cache directory it is simply compiled and run; one that cannot be written costs
-    only time.
+    Without a cache directory, and elsewhere than on a CPU, it is simply compiled and run; a
+    cache that cannot be written costs only time.
     """
     folder = jax.config.values["jax_compilation_cache_dir"]
-    if folder is None:
+    if folder is None or jax.default_backend() != "cpu":
         return quickly_compiled(function)(*args)
-    arrays, static = eqx.partition(args, eqx.is_array)
-    leaves, structure = jax.tree.flatten(arrays)
-    path = Path(folder) / f"{_key(function, arrays, static)}.program"
-    kept = _read(path)
+    call = flat_call(function, *args)
+    path = Path(folder) / f"{_key(function, args)}.program"
+    kept = _read(path, len(call.arrays))
     if kept is None:
-        skeletons: list[Any] = []
-
-        def flat(*leaves):
-            whole = eqx.combine(jax.tree.unflatten(structure, leaves), static)
-            found, rest = eqx.partition(function(*whole), eqx.is_array)
-            numbers, shape = jax.tree.flatten(found)
-            skeletons.append((jax.tree.unflatten(shape, range(len(numbers))), rest))
-            return numbers
-
-        program = export.export(jax.jit(flat))(*leaves)
-        kept = program, skeletons[-1]
+        program = _compiled(with_bounded_fusion(call.function), call.arrays)
+        kept = program, call.forms[-1]
         _write(path, *kept)
-    program, (places, rest) = kept
-    numbers = jax.jit(program.call, compiler_options=quick_options())(*leaves)
-    return eqx.combine(jax.tree.map(lambda place: numbers[place], places), rest)
+    program, form = kept
+    return in_form(program(*call.arrays), form)
 
 
-def _key(function: Callable, arrays: Any, static: Any) -> str:
-    """A name for the program: its code, the versions under it, and the arguments' structure."""
+def _compiled(function: Callable, arrays: list[Any]) -> jax.stages.Compiled:
+    """`function`, compiled and not written to JAX's own cache."""
+    lowered = jax.jit(function).lower(*arrays)
+    before = jax.config.values[_KEPT]
+    jax.config.update(_KEPT, float("inf"))
+    try:
+        return lowered.compile(quick_options())
+    finally:
+        jax.config.update(_KEPT, before)
+
+
+def _key(function: Callable, args: Any) -> str:
+    """A name for the program: its code, what compiles it, and the arguments' structure."""
     digest = hashlib.sha256()
     root = Path(beltjax.__file__).parent
     for source in sorted(root.rglob("*.py")):
         digest.update(source.read_bytes())
+    arrays, static = eqx.partition(args, eqx.is_array)
     shapes = [(leaf.shape, str(leaf.dtype)) for leaf in jax.tree.leaves(arrays)]
-    parts = (jax.__version__, jax.default_backend(), function.__qualname__, shapes)
-    digest.update(repr((*parts, jax.tree.structure(arrays), static)).encode())
+    parts = (jax.__version__, jaxlib.version.__version__, os.environ.get("XLA_FLAGS"), _processor())
+    parts += (function.__qualname__, shapes, jax.tree.structure(arrays), static)
+    digest.update(repr(parts).encode())
     return digest.hexdigest()[:40]
 
 
-def _read(path: Path) -> tuple[export.Exported, Any] | None:
-    """What was kept there; None where nothing is, or it cannot be read."""
+def _processor() -> str:
+    """The processor and what it can do: compiled code of another one may not run."""
     try:
-        content, skeleton = pickle.loads(path.read_bytes())
-        return export.deserialize(bytearray(content)), skeleton
-    except Exception:  # whatever is wrong with an old file, the program can be traced again
+        lines = Path("/proc/cpuinfo").read_text().split("\n\n")[0].splitlines()
+    except OSError:  # not Linux
+        return f"{platform.machine()} {platform.processor()}"
+    return "".join(line for line in lines if line.startswith(("model name", "flags", "Features")))
+
+
+def _read(path: Path, count: int) -> tuple[jax.stages.Compiled, Form] | None:
+    """The program of `count` arrays kept there; None where nothing is, or it cannot be read."""
+    try:
+        content, form = pickle.loads(zlib.decompress(path.read_bytes()))
+        given = jax.tree.structure(((0,) * count, {}))
+        found = jax.tree.structure([0] * len(jax.tree.leaves(form.places)))
+        with concurrent.futures.ThreadPoolExecutor() as pool:
+            program = pool.submit(serialize_executable.deserialize_and_load, content, given, found)
+            _load_lapack()  # meanwhile
+            return program.result(), form
+    except Exception:  # whatever is wrong with an old file, the program can be made again
         return None
 
 
-def _write(path: Path, program: export.Exported, skeleton: Any) -> None:
+def _load_lapack() -> None:
+    """Have JAX load LAPACK: lowering does it, which a program that is read does without."""
+    jax.jit(jax.numpy.linalg.cholesky).lower(jax.ShapeDtypeStruct((1, 1), float))
+
+
+def _write(path: Path, program: jax.stages.Compiled, form: Form) -> None:
+    content, _, _ = serialize_executable.serialize(program)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, pickle.dumps((bytes(program.serialize()), skeleton)))
+        write_whole(path, zlib.compress(pickle.dumps((content, form)), level=1))
     except OSError:
         return  # a full or read-only disk costs the next run its time, nothing else

@@ -1,5 +1,8 @@
 """Programs kept between runs: the same answers, traced once, and no harm from a bad file."""
 
+import subprocess
+import sys
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -61,3 +64,27 @@ def test_without_a_cache_it_just_runs(folder):
     jax.config.update("jax_compilation_cache_dir", None)
     np.testing.assert_array_equal(programs.run_kept(doubled, jnp.ones(3), 2)["values"], 1.0)
     assert kept_files(folder) == []
+
+
+SOLVED_ELSEWHERE = """
+import jax, sys
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_compilation_cache_dir", sys.argv[1])
+from beltjax.report import programs
+
+def lower(matrix):
+    print("traced")
+    return jax.numpy.linalg.cholesky(matrix)
+
+print(float(programs.run_kept(lower, 4 * jax.numpy.eye(2))[0, 0]))
+"""
+
+
+def test_another_process_runs_it_with_its_matrix_routines(folder):
+    # A program that is read brings no LAPACK with it: without it the process would crash.
+    words = [sys.executable, "-c", SOLVED_ELSEWHERE, str(folder)]
+    runs = [
+        subprocess.run(words, capture_output=True, text=True, check=True, timeout=120).stdout
+        for _ in range(2)
+    ]
+    assert [run.split() for run in runs] == [["traced", "2.0"], ["2.0"]]
