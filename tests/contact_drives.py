@@ -5,8 +5,10 @@ rule of installation, rule of speed) compile once in a process, and a call takes
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
-from drives import example
+import numpy as np
+from drives import example, random_drives
 
 import beltjax as bj
 
@@ -51,6 +53,44 @@ def _two(name, numbers):
             point.belt_speed, point.driver_speed, point.mass_flow, {"driven": float(torque)}
         )
     return variant(drive, point, **numbers)
+
+
+def seven(torque=(0.0, 7.0, 0.0, 5.0, 0.4, 11.0), travel="listed", **numbers):
+    """The seven-pulley drive; `torque` of all but the first, so that others share its program."""
+    drive, point = example("seven_pulley")
+    torques = dict(zip(drive.pulley_names[1:], torque, strict=True))
+    point = bj.OperatingPoint(driver_speed=point.driver_speed, torque=torques, travel=travel)
+    return variant(drive, point, **numbers)
+
+
+def random_seven(count, seed=0):
+    """Random drives of seven pulleys, on both faces, in the structure of `seven`."""
+    arrays = random_drives(7, count, seed)
+    rng = np.random.default_rng([seed, 7])
+    listed, _ = seven()
+
+    def one(k):
+        centers, radii, faces, carried, pivot, stiffness, tension, torques, rest = jax.tree.map(
+            lambda x: jnp.asarray(x[k]), arrays
+        )
+        pulleys = [
+            eqx.tree_at(
+                lambda p: (p.center, p.radius, p.face, p.on_arm, p.friction),
+                pulley,
+                (centers[i], radii[i], faces[i], carried[i], jnp.asarray(rng.uniform(0.4, 1.2))),
+            )
+            for i, pulley in enumerate(listed.pulleys)
+        ]
+        drive = eqx.tree_at(
+            lambda d: (d.pulleys, d.tensioner.pivot, d.tensioner.stiffness, d.sense),
+            listed,
+            (tuple(pulleys), pivot, stiffness, jnp.ones(())),
+        )
+        numbers = {"EA": rest["EA"], "EI": rest["EI"], "m0": 0.1, "tension": tension}
+        drive, point = variant(drive, seven(tuple(torques[1:]))[1], **numbers)
+        return variant(drive, point, omega=rest["speed"] / radii[0])
+
+    return [one(k) for k in range(count)]
 
 
 def state(drive, point, **how):

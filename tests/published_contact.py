@@ -114,5 +114,6 @@ FIGURE_5_8 = {
 }
 
 # Largest M2 [N m] of the drive of Table 5.1, by EI.
-LARGEST_OF_EQUAL = {EI: Value(text) for EI, text in
-                    {0.0: "3.104", 0.0015: "3.043", 0.015: "3.468", 0.05: "2.456"}.items()}  # fmt: skip
+LARGEST_OF_EQUAL = dict(
+    zip((0.0, 0.0015, 0.015, 0.05), values("3.104", "3.043", "3.468", "2.456"), strict=True)
+)

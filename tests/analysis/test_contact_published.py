@@ -3,8 +3,7 @@
 import numpy as np
 import published_contact as table
 import pytest
-from contact_drives import equal, largest, state, unequal, variant
-from drives import example
+from contact_drives import equal, largest, seven, state, unequal, variant
 from published import assert_matches_print
 from scipy.optimize import brentq
 
@@ -114,7 +113,7 @@ def test_only_the_sources_law_gives_an_efficiency_above_one():
 
 
 def test_the_arm_keeps_the_seven_pulley_drive_from_slipping():
-    drive, point = example("seven_pulley")
+    drive, point = seven()
     found = state(drive, point)
     assert found.feasible
     turned = np.degrees(found.arm_angle - bj.layout(drive).arm_angle)
