@@ -7,10 +7,11 @@ i + 1, signed radii are positive where a pulley turns the belt left, and P = T -
 A free span is (P' = -EI kappa kappa', P kappa = EI kappa''). Its solutions grow and decay as
 e^{lambda s}, lambda = sqrt(P/EI), so that neither integration from one end nor from both ends to
 the middle keeps a digit beyond lambda L = 35 or 70. Here P and kappa at the start and kappa at
-the end are imposed, as the pulleys impose them, and the span is cut into pieces of lambda h <= 1
+the end are imposed, as the pulleys impose them, and the span is cut into pieces of lambda h <= 1/2
 that are matched by Newton's method (multiple shooting): errors then neither grow nor hide, and the
 slope of the curvature at the start, which is what a solver knows best, becomes a residual.
-Each piece is a Taylor series of order 30, what follows from it a Gauss quadrature.
+Each piece is a Taylor series of order 30, whose nearest pole lies about pi/(2 lambda) away or more;
+what follows from it is a Gauss quadrature.
 """
 
 from typing import NamedTuple
@@ -172,7 +173,7 @@ def integrated_span(belt: BeltData, P: float, kappa_start, kappa_end, inclinatio
     """The span of length L from P and the curvatures at its ends, laid out from its start."""
     size = P + belt.EI * kappa_start**2 / 2
     rate, kappa_m = np.sqrt(size / belt.EI), max(abs(kappa_start), abs(kappa_end))
-    bend, pieces = belt.EI * kappa_m**2 / size, int(np.ceil(rate * L)) + 1
+    bend, pieces = belt.EI * kappa_m**2 / size, int(np.ceil(2 * rate * L)) + 1
     h = L / pieces
     ends = P / size, kappa_start / kappa_m, kappa_end / kappa_m
     y = matched_pieces(rate * h, bend, pieces, ends)

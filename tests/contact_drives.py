@@ -4,6 +4,8 @@ Every answer is one call of the public function: drives of equal structure (numb
 rule of installation, rule of speed) compile once in a process, and a call takes milliseconds.
 """
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -63,6 +65,7 @@ def seven(torque=(0.0, 7.0, 0.0, 5.0, 0.4, 11.0), travel="listed", **numbers):
     return variant(drive, point, **numbers)
 
 
+@functools.cache
 def random_seven(count, seed=0):
     """Random drives of seven pulleys, on both faces, in the structure of `seven`."""
     arrays = random_drives(7, count, seed)
@@ -77,7 +80,13 @@ def random_seven(count, seed=0):
             eqx.tree_at(
                 lambda p: (p.center, p.radius, p.face, p.on_arm, p.friction),
                 pulley,
-                (centers[i], radii[i], faces[i], carried[i], jnp.asarray(rng.uniform(0.4, 1.2))),
+                (
+                    centers[i],
+                    radii[i],
+                    faces[i],
+                    carried[i],
+                    jnp.asarray(rng.uniform(0.4, 1.2), dtype=float),
+                ),
             )
             for i, pulley in enumerate(listed.pulleys)
         ]
