@@ -10,6 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from contact_peer import Arm, PeerDrive
 from drives import example, random_drives
 
 import beltjax as bj
@@ -110,3 +111,74 @@ def state(drive, point, **how):
 def largest(drive, point, **how):
     """`maximum_moment`, whatever its result."""
     return bj.maximum_moment(drive, point, throw=False, **how)
+
+
+def mirrored(drive, point):
+    """The same drive seen from behind: y reversed, and with it the sense of the list."""
+
+    def flip(at):
+        return at * jnp.array([1.0, -1.0])
+
+    drive = eqx.tree_at(lambda d: [p.center for p in d.pulleys], drive, replace_fn=flip)
+    drive = eqx.tree_at(lambda d: d.sense, drive, -drive.sense)
+    if drive.tensioner is not None:
+        drive = eqx.tree_at(lambda d: d.tensioner.pivot, drive, replace_fn=flip)
+    return drive, point
+
+
+def relisted(drive, point):
+    """The same drive listed in the other sense from the same first pulley, running as it did.
+
+    Names keep their places, so that no new program is compiled: pulley i becomes pulley -i.
+    """
+    names, n = drive.pulley_names, len(drive.pulleys)
+    backwards = [-i % n for i in range(n)]
+    pulleys = [eqx.tree_at(_numbers, drive.pulleys[i], _numbers(drive.pulleys[j]))
+               for i, j in enumerate(backwards)]  # fmt: skip
+    torque = {
+        names[i]: point.torque[names[j]]
+        for i, j in enumerate(backwards)
+        if names[j] in point.torque
+    }
+    drive = eqx.tree_at(lambda d: (d.pulleys, d.sense), drive, (tuple(pulleys), -drive.sense))
+    return drive, eqx.tree_at(lambda p: (p.torque, p.travel), point, (torque, -point.travel))
+
+
+def _numbers(pulley):
+    return pulley.center, pulley.radius, pulley.face, pulley.friction, pulley.driver, pulley.on_arm
+
+
+def peer_of(drive, point):
+    """The drive as the SciPy peer takes it, along the travel; its pulleys' and spans' places."""
+    n, forward = len(drive.pulleys), float(point.travel) > 0
+    order = np.arange(n) if forward else -np.arange(n) % n
+    spans = order if forward else (order - 1) % n
+    pulleys = [drive.pulleys[i] for i in order]
+    side = float(drive.sense) * float(point.travel)
+    tensioner, rule, arm = drive.tensioner, drive.installation, None
+    if tensioner is not None:
+        carried = int(np.argmax([p.on_arm for p in pulleys]))
+        free = rule.free_angle if isinstance(rule, bj.BeltGiven) else None
+        arm = Arm(carried, tuple(np.asarray(tensioner.pivot)), float(tensioner.stiffness), free)
+    tensioned = isinstance(rule, bj.TensionGiven)
+
+    def number(x):
+        return None if x is None else float(x)
+
+    peer = PeerDrive(
+        centers=np.array([p.center for p in pulleys]),
+        radii=np.array([side * float(p.face) * float(p.radius) for p in pulleys]),
+        moments=np.array([float(point.torque.get(p.name, 0.0)) for p in pulleys]),
+        friction=np.array([1.0 if p.friction is None else float(p.friction) for p in pulleys]),
+        bending_stiffness=float(drive.belt.bending_stiffness),
+        axial_stiffness=float(drive.belt.axial_stiffness),
+        driver=int(np.argmax([p.driver for p in pulleys])),
+        tension=number(rule.tension) if tensioned else None,
+        unstretched_length=None if tensioned else number(rule.belt_length),
+        mass_per_length=number(drive.belt.mass_per_length) if point.mass_flow is None else None,
+        belt_speed=number(point.belt_speed),
+        mass_flow=number(point.mass_flow),
+        driver_speed=number(point.driver_speed),
+        arm=arm,
+    )
+    return peer, order, spans

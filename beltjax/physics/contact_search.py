@@ -62,8 +62,9 @@ def solve(model: ContactModel, task: Task, start: Unknown) -> Solved:
     largest = jnp.concatenate([jnp.array([1.0, 0.1, 0.7]), jnp.ones_like(start.w)])
     found, load = followed_root(lambda x, load: _equations(x, _under(load, *fixed)), guess, largest)
     converged = found.converged
-    # Where no root was found the start keeps all numbers finite.
-    unknown = _unpacked(implicit_root(_equations, args, jnp.where(converged, found.root, guess)))
+    # Where no root was found the last one on the way keeps all numbers finite, and shows what
+    # stopped it.
+    unknown = _unpacked(implicit_root(_equations, args, found.root))
     loop = joined(unknown, model)
     converged = converged & jnp.all(loop.spans.converged)
     resting = task.resting > 0
