@@ -151,12 +151,18 @@ class Chain:
 
 
 def string_wraps(drive: PeerDrive, lines: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Angles of the tangents from the lines between the centers, and wraps in (-90, 270) deg."""
+    """Angles of the tangents from the lines between the centers, and wraps.
+
+    These lie in (-90, 270) degrees, but for a large pulley beside a small one: the belt turns once.
+    """
     radii = np.asarray(drive.radii, float)
     angles = -np.arcsin((np.roll(radii, -1) - radii) / np.linalg.norm(lines, axis=1))
     directions = np.arctan2(lines[:, 1], lines[:, 0]) + angles
     turns = np.sign(radii) * (directions - np.roll(directions, 1))
-    return angles, np.mod(turns + np.pi / 2, 2 * np.pi) - np.pi / 2
+    wraps = np.mod(turns + np.pi / 2, 2 * np.pi) - np.pi / 2
+    if abs(np.sum(np.sign(radii) * wraps)) < np.pi:
+        wraps[np.argmin(wraps)] += 2 * np.pi
+    return angles, wraps
 
 
 def _put_together(drive, spans: list[Span], lines, moments, flow, arm_angle, closure) -> PeerState:

@@ -7,10 +7,11 @@ i + 1, signed radii are positive where a pulley turns the belt left, and P = T -
 A free span is (P' = -EI kappa kappa', P kappa = EI kappa''). Its solutions grow and decay as
 e^{lambda s}, lambda = sqrt(P/EI), so that neither integration from one end nor from both ends to
 the middle keeps a digit beyond lambda L = 35 or 70. Here P and kappa at the start and kappa at
-the end are imposed, as the pulleys impose them, and the span is cut into pieces of lambda h <= 1
+the end are imposed, as the pulleys impose them, and the span is cut into pieces of lambda h <= 1/2
 that are matched by Newton's method (multiple shooting): errors then neither grow nor hide, and the
 slope of the curvature at the start, which is what a solver knows best, becomes a residual.
-Each piece is a Taylor series of order 30, what follows from it a Gauss quadrature.
+Each piece is a Taylor series of order 30, whose nearest pole lies about pi/(2 lambda) away or more;
+what follows from it is a Gauss quadrature.
 """
 
 from typing import NamedTuple
@@ -58,7 +59,7 @@ class SpanData(NamedTuple):
 class Balances(NamedTuple):
     """Residuals, zero for a correct answer, and below them what they were made of."""
 
-    curvature: np.ndarray  # [n] [1/m]: given at the start, less the pulley's
+    curvature: np.ndarray  # [n] [1/m]: given at the start, less the most that the pulley allows
     curvature_slope: np.ndarray  # [n] [1/m^2]: given at the start, less what the span needs
     start: np.ndarray  # [n, 2] [m]: given start, less the pulley's point of that inclination
     end: np.ndarray  # [n, 2] [m]: end found, less the next pulley's point of that inclination
@@ -172,7 +173,7 @@ def integrated_span(belt: BeltData, P: float, kappa_start, kappa_end, inclinatio
     """The span of length L from P and the curvatures at its ends, laid out from its start."""
     size = P + belt.EI * kappa_start**2 / 2
     rate, kappa_m = np.sqrt(size / belt.EI), max(abs(kappa_start), abs(kappa_end))
-    bend, pieces = belt.EI * kappa_m**2 / size, int(np.ceil(rate * L)) + 1
+    bend, pieces = belt.EI * kappa_m**2 / size, int(np.ceil(2 * rate * L)) + 1
     h = L / pieces
     ends = P / size, kappa_start / kappa_m, kappa_end / kappa_m
     y = matched_pieces(rate * h, bend, pieces, ends)
@@ -236,11 +237,13 @@ def balances(belt: BeltData, pulleys: PulleyData, spans: SpanData) -> Balances:
     """Residuals of every balance the answer should satisfy."""
     after, before = (lambda a: np.roll(a, -1, axis=0)), (lambda a: np.roll(a, 1, axis=0))
     rho, sense = pulleys.rho, np.sign(pulleys.rho)
-    given = spans.P, 1 / rho, after(1 / rho), spans.inclination, spans.length
+    # A pulley without an arc touches at one point, where it only bounds the belt's curvature.
+    wraps = pulleys.adhesion + pulleys.slip
+    kappa = np.where(wraps > 0, 1 / rho, np.clip(rho * spans.curvature, 0.0, 1.0) / rho)
+    given = spans.P, kappa, after(kappa), spans.inclination, spans.length
     shapes = [integrated_span(belt, *one) for one in zip(*given, strict=True)]
     found = Shape(*(np.array(column) for column in zip(*shapes, strict=True)))
     end_inclination = spans.inclination + found.turn
-    wraps = pulleys.adhesion + pulleys.slip
     P_in, entering = before(found.P_end), before(end_inclination)
     arcs = integrated_arcs(belt, pulleys, P_in, entering)
 
@@ -258,15 +261,15 @@ def balances(belt: BeltData, pulleys: PulleyData, spans: SpanData) -> Balances:
     arm_out, arm_in = spans.position - pulleys.centers, before(spans.position + found.end)
     arm_in = arm_in - pulleys.centers
     moments = cross(arm_out, at_start) - cross(arm_in, before(at_end))
-    moments = moments + belt.EI * (spans.curvature - 1 / rho)
+    moments = moments + belt.EI * (spans.curvature - kappa)
 
     foot = pulleys.centers - rho[:, None] * normal(spans.inclination)
     next_foot = after(pulleys.centers) - after(rho)[:, None] * normal(end_inclination)
-    speeds = belt.V_ref * (1 + strain(belt, P_in, 1 / rho)) / np.abs(rho)
+    speeds = belt.V_ref * (1 + strain(belt, P_in, kappa)) / np.abs(rho)
     turning = np.sum(sense * wraps) + np.sum(found.turn)
     mismatch = entering + sense * wraps - spans.inclination
     return Balances(
-        curvature=spans.curvature - 1 / rho,
+        curvature=spans.curvature - kappa,
         curvature_slope=spans.curvature_slope - found.slope_start,
         start=spans.position - foot,
         end=spans.position + found.end - next_foot,
@@ -278,7 +281,7 @@ def balances(belt: BeltData, pulleys: PulleyData, spans: SpanData) -> Balances:
         friction_moments=arcs.friction_moment - pulleys.moments,
         pulley_forces=axle - edges - arcs.force,
         span_forces=at_end - at_start,
-        span_moments=cross(found.end, at_end) + belt.EI * (after(1 / rho) - spans.curvature),
+        span_moments=cross(found.end, at_end) + belt.EI * (after(kappa) - spans.curvature),
         unstretched_length=float(
             np.sum(found.unstretched) + np.sum(arcs.unstretched) - belt.unstretched_length
         ),

@@ -26,7 +26,9 @@ from beltjax.results import (
 Law = Literal["kong", "hyperelastic"]
 LAWS: dict[str, float] = {"kong": 0.0, "hyperelastic": 1.0}
 _SLIPPING = 1e-9  # adhesion below minus this is gross slip [rad]
-_BARE = 1e-3  # of the mean tension: a least pressure below it is none
+# Where a search ends without a belt, at the last step of load (1/64) that had one:
+_BARE = 0.05  # of the tension at rest: a least P at a contact below it was about to be lost
+_NARROW = 0.02  # a wrap below it was about to vanish [rad]
 
 
 class ContactState(eqx.Module):
@@ -141,16 +143,18 @@ def contact_solution(drive: Drive, point: OperatingPoint, law, maximum) -> Conta
     loop = solved.loop
     travel = jax.lax.stop_gradient(point.travel)
     strain = (jnp.max(loop.C) + loop.g) / groups.stretch
-    bare = jnp.exp(solved.unknown.level) < _BARE * jnp.mean(loop.C)
+    bare = jnp.exp(solved.unknown.level) < _BARE
     loaded = model.loaded > 0
+    narrow = (maximum > 0) & jnp.any(loaded & (loop.wrap < _NARROW))
     arm_angle = drawn.arm_angle + solved.unknown.turn
     missing = first_failure(
         (~good, RESULTS.numbers_unusable),
         (~tangents, RESULTS.no_tangent),
         (~scalable, RESULTS.no_torque_to_scale),
-        (~rested & _too_stiff(model), RESULTS.belt_too_stiff),
+        (~(solved.converged & rested) & _too_stiff(model), RESULTS.belt_too_stiff),
         (~solved.converged & ~succeeded(start.result), start.result),
         (~solved.converged & bare, RESULTS.contact_pressure_lost),
+        (~solved.converged & narrow, RESULTS.wrap_vanished),
         (~(solved.converged & rested), RESULTS.contact_not_found),
     )
     result = first_failure(
@@ -253,7 +257,10 @@ def _solutions(drive: Drive, model: physics.ContactModel, held: search.Held, tur
 
 
 def _too_stiff(model: physics.ContactModel) -> Bool[Array, ""]:
-    """Whether the tension at rest, which is 1, is below EI/(2 R^2)."""
+    """Whether the tension at rest, which is 1, is below EI/(2 R^2).
+
+    Then a torque-free pulley touches at one point at most, at rest too.
+    """
     return jnp.max(model.EI / model.rho**2 / 2) >= 1.0
 
 

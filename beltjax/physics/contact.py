@@ -220,7 +220,8 @@ def inclinations(spans: Span, model: ContactModel) -> tuple[Spans, Spans]:
 def _wraps(spans: Span, across, up, d, model: ContactModel) -> Pulleys:
     """Angles by which the pulleys turn the belt; negative where it would have to bend back.
 
-    Told from a full turn less by the angles of a string, which lie in (-90, 270) degrees.
+    Told from a full turn less by the angles of a string, which lie in (-90, 270) degrees; but the
+    belt turns once in all, and a large pulley beside a small one may take more than 270.
     """
     cos, sin = across / d, up / d
     rise = jnp.clip((model.rho - _following(model.rho)) / d, -1.0, 1.0)
@@ -232,6 +233,9 @@ def _wraps(spans: Span, across, up, d, model: ContactModel) -> Pulleys:
         before_x * along_y - before_y * along_x, before_x * along_x + before_y * along_y
     )
     straight = jnp.where(straight < -jnp.pi / 2, straight + 2 * jnp.pi, straight)
+    once = jnp.abs(jnp.sum(turn * straight)) > jnp.pi
+    least = jnp.arange(len(turn)) == jnp.argmin(straight)
+    straight = jnp.where(least & ~once, straight + 2 * jnp.pi, straight)
     string = jnp.arctan2(rise, run)
     start, end = inclinations(spans, model)
     return straight + turn * ((start - string) - _preceding(end - string))

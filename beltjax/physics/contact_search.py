@@ -64,8 +64,9 @@ def solve(model: ContactModel, task: Task, start: Unknown) -> Solved:
         lambda x, load: _equations(x, _under(load, *fixed)), guess, _packed(largest)
     )
     converged = found.converged
-    # Where no root was found the start keeps all numbers finite.
-    unknown = _unpacked(implicit_root(_equations, args, jnp.where(converged, found.root, guess)))
+    # Where no root was found the last one on the way keeps all numbers finite, and shows what
+    # stopped it.
+    unknown = _unpacked(implicit_root(_equations, args, found.root))
     loop = joined(unknown, model)
     resting = task.resting > 0
     found_here = Held(_length(loop), loop.moment / model.k_r - unknown.turn)

@@ -7,6 +7,7 @@ import pytest
 from span_peer import bent_span
 
 import beltjax as bj
+from beltjax.physics.elastica import SpanData, elastica
 from beltjax.physics.elastica_collocation import span_by_collocation, tangent_contact
 
 STEP = 1e-4  # relative, of a difference
@@ -59,6 +60,29 @@ def test_spans_agree_with_scipy(ours):
     expected = np.array([by_scipy(*row) for row in numbers_of_spans().T]).T
     scale = np.array([0.16, 1.0, 1.0, 80.0])[:, None]
     assert np.max(np.abs(values - expected) / scale) < 1e-10
+
+
+def closed_form(numbers):
+    """Length, end angles and tension at mid-arc, and their derivative with respect to log EI."""
+
+    def solve(numbers):
+        C, EI, rho_i, rho_j, d = numbers
+        data = SpanData(C, EI, jnp.full_like(C, 1e5), d, rho_i, rho_j, 1 / rho_i, 1 / rho_j)
+        span = jax.vmap(elastica)(data)
+        start, end = -2 * jnp.sign(rho_i) * span.u_i, 2 * jnp.sign(rho_j) * span.u_j
+        return jnp.stack([span.L, span.phi + start, span.phi + end, span.P_mid]), span.converged
+
+    along = jnp.zeros_like(numbers).at[1].set(numbers[1])
+    return jax.jvp(solve, (numbers,), (along,), has_aux=True)
+
+
+def test_the_elasticas_closed_form_is_the_span_by_collocation(ours):
+    values, slopes, _ = ours
+    closed, closed_slopes, converged = jax.jit(closed_form)(jnp.asarray(numbers_of_spans()))
+    assert np.all(converged)
+    scale = np.array([0.16, 1.0, 1.0, 80.0])[:, None]
+    assert np.max(np.abs(values - closed) / scale) < 1e-9
+    assert np.max(np.abs(slopes - closed_slopes) / scale) < 1e-8
 
 
 def test_derivatives_are_differences_of_scipys(ours):

@@ -1,0 +1,111 @@
+"""Random drives in contact: solved to rounding, or shown to have no belt that touches them."""
+
+from collections import Counter
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from contact_drives import equal, random_seven, state, unequal, variant
+
+import beltjax as bj
+from beltjax.physics import contact, contact_search
+from beltjax.results import explanation
+
+PLACED = ("successful", "gross_slip", "wrap_vanished", "belt_overstretched")
+MISSING = ("contact_pressure_lost", "contact_not_found", "belt_too_stiff")
+LEVELS = jnp.linspace(-12.0, 4.0, 400)
+
+
+def random_two(count, seed=0):
+    """Two pulleys up to forty times apart in size, near and far, stiff and slack, slow and fast."""
+    rng = np.random.default_rng([seed, 2])
+    for k in range(count):
+        radii = 10 ** rng.uniform(-2.3, -0.7, 2)
+        d = radii.sum() + 10 ** rng.uniform(-2, 0.5) * radii.max()
+        T, m0 = 10 ** rng.uniform(1.5, 3.3), 10 ** rng.uniform(-2.5, -0.5)
+        stiff = rng.choice([rng.uniform(0, 0.9), 10 ** rng.uniform(-5, -0.05)])
+        torque, c = T * radii[1] * rng.uniform(0, 2), np.sqrt(T / m0) * rng.uniform(0, 0.95)
+        mass_flow = k % 2  # by turns the two rules for the speed
+        drive, point = equal(M2=torque) if mass_flow else unequal(M2=torque, c=c)
+        new = [*radii, np.array([d, 0.0]), *rng.uniform(0.2, 1.5, 2)]
+        places = [lambda d, k=k: d.pulleys[k].radius for k in (0, 1)]
+        places += [lambda d: d.pulleys[1].center]
+        places += [lambda d, k=k: d.pulleys[k].friction for k in (0, 1)]
+        for place, value in zip(places, new, strict=True):
+            drive = eqx.tree_at(place, drive, jnp.asarray(value, dtype=float))
+        if mass_flow:
+            drive, point = variant(drive, point, omega=c / radii[0], G=m0 * c)
+        EI, EA = 2 * T * radii.min() ** 2 * stiff, T * 10 ** rng.uniform(1.3, 3.5)
+        yield variant(drive, point, EI=EI, EA=EA, tension=T, m0=m0)
+
+
+def name_of(found):
+    text = explanation(found.result)
+    names = {"": "successful"} | {bj.RESULTS[getattr(bj.RESULTS, n)]: n for n in PLACED + MISSING}
+    return names[text]
+
+
+@jax.jit
+def residual(model, held, unknown):
+    """Of the equations, at the root that was returned."""
+    task = contact_search.Task(jnp.zeros(()), jnp.zeros(()), jnp.ones(()), held)
+    packed = contact_search._packed(unknown)
+    return jnp.max(jnp.abs(contact_search._equations(packed, (model, task))))
+
+
+@jax.jit
+def surplus(model, held):
+    """Belt too long for two locked pulleys, at each level of tension: their one true unknown."""
+
+    def one(level):
+        zero = jnp.zeros(())
+        unknown = contact.Unknown(jnp.ones_like(model.rho), level, zero, zero)
+        first = contact.joined(unknown, model)
+        loop = contact.joined(unknown._replace(w=first.wrap), model)
+        return contact_search._length(loop) / held.L0 - 1, jnp.min(loop.wrap)
+
+    return jax.lax.map(one, LEVELS)
+
+
+def has_no_belt(found):
+    """Whether the drive's belt is too long, or too short, at every level of tension."""
+    shortage, _ = surplus(found.model, found.solved.held)
+    return bool(np.all(shortage > 0) or np.all(shortage < 0))
+
+
+COUNTS = [200, pytest.param(2000, marks=[pytest.mark.slow, pytest.mark.timeout(900)])]
+
+
+@pytest.mark.parametrize("count", COUNTS)
+def test_two_pulleys(count):
+    shares, unconfirmed = Counter(), []
+    for k, (drive, point) in enumerate(random_two(count)):
+        found = state(drive, point)
+        name = name_of(found)
+        shares[name] += 1
+        if name in PLACED:
+            solved = found.solved
+            assert residual(found.model, solved.held, solved.unknown) < 1e-10
+        elif not has_no_belt(found):
+            unconfirmed.append((k, name))
+    print(dict(shares))
+    assert len(unconfirmed) <= 0.01 * count, unconfirmed
+
+
+@pytest.mark.parametrize(
+    "count", [20, pytest.param(400, marks=[pytest.mark.slow, pytest.mark.timeout(900)])]
+)
+def test_seven_pulleys_on_both_faces_with_an_arm(count):
+    shares = Counter()
+    for drive, point in random_seven(count):
+        found = state(drive, point)
+        name = name_of(found)
+        shares[name] += 1
+        assert np.all(np.isfinite(found.tensions))
+        if name in PLACED:
+            solved = found.solved
+            assert residual(found.model, solved.held, solved.unknown) < 1e-10
+    print(dict(shares))
+    assert sum(shares[name] for name in MISSING) <= 0.01 * count
