@@ -58,10 +58,8 @@ def solve(model: ContactModel, task: Task, start: Unknown) -> Solved:
     """
     args = model, task
     fixed, guess = jax.lax.stop_gradient((args, _packed(start)))
-    # A factor e, 6 degrees, a factor 2; of the spans and of the wraps a radian or so.
-    largest = Unknown(jnp.ones_like(start.w), *map(jnp.asarray, (1.0, 0.1, 0.7)), _largest(start))
     found, load = followed_root(
-        lambda x, load: _equations(x, _under(load, *fixed)), guess, _packed(largest)
+        lambda x, load: _equations(x, _under(load, *fixed)), guess, _packed(_largest(start))
     )
     converged = found.converged
     # Where no root was found the last one on the way keeps all numbers finite, and shows what
@@ -90,8 +88,15 @@ def likely(C: Scalar, turn: Scalar, scale: Scalar, model: ContactModel) -> Unkno
     return unknown._replace(w=jnp.maximum(wraps, -0.5), shape=shape)
 
 
-def _largest(start: Unknown) -> Array:
-    return jnp.broadcast_to(jnp.array([1.5, 0.5]), start.shape.shape)
+def _largest(start: Unknown) -> Unknown:
+    """What one step may change: a factor e, 6 degrees, a factor 2; a radian or so of the rest."""
+    return Unknown(
+        w=jnp.ones_like(start.w),
+        level=jnp.array(1.0),
+        turn=jnp.array(0.1),
+        scale=jnp.array(0.7),
+        shape=jnp.broadcast_to(jnp.array([1.5, 0.5]), start.shape.shape),
+    )
 
 
 def _packed(unknown: Unknown) -> Array:
