@@ -21,7 +21,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from beltjax.numerics.elliptic import carlson, jacobi_dn_sd
-from beltjax.numerics.roots import solve_dense, system_root
+from beltjax.numerics.roots import implicit_root, system_root
 
 Scalar = Float[Array, ""]
 Pair = Float[Array, "2"]
@@ -259,8 +259,9 @@ def _bent(span: SpanData) -> Span:
     found = system_root(
         lambda x: _residuals(x, fixed), _start(fixed), jnp.array([1.5, 0.5]), tol=1e-9
     )
+    shape, _ = _shape(implicit_root(_residuals, span, found.root), span)
     return Span(
-        **_at_root(found.root, span)._asdict(),
+        **shape._asdict(),
         long=jnp.array(False),
         converged=found.converged,
         residual=jnp.max(jnp.abs(found.residual)),
@@ -297,27 +298,6 @@ def _shape(unknown: Pair, span: SpanData) -> tuple[_Shape, Pair]:
         P_mid=span.C - span.EI * middle**2 / 2,
     )
     return shape, _unmet(phi, ends, parts, span)
-
-
-@jax.custom_jvp
-def _at_root(root: Pair, span: SpanData) -> _Shape:
-    """The span of a root that was found; its derivative is of the equations, met at every change.
-
-    As `implicit_root` does it, but the equations and the shape they give are linearized together:
-    they share the integrals, whose derivatives are most of what there is to compile.
-    """
-    return _shape(root, span)[0]
-
-
-@_at_root.defjvp
-def _at_root_jvp(primals, tangents):
-    (root, span), (_, change) = primals, tangents
-    (shape, _), push = jax.linearize(_shape, root, span)
-    still = jax.tree.map(jnp.zeros_like, span)
-    by_root, matrix = jax.vmap(lambda t: push(t, still), out_axes=-1)(jnp.eye(2))
-    direct, unmet = push(jnp.zeros(2), change)
-    moved = -solve_dense(matrix, unmet)
-    return shape, jax.tree.map(lambda a, b: a + b @ moved, direct, by_root)
 
 
 def curvature(ends: Ends, s: Scalar, span: SpanData) -> Scalar:

@@ -10,7 +10,9 @@ import pytest
 from contact_drives import equal, random_seven, state, unequal, variant
 
 import beltjax as bj
+from beltjax.numerics.roots import system_root
 from beltjax.physics import contact, contact_search
+from beltjax.physics.elastica import span_at, span_start
 from beltjax.results import explanation
 
 PLACED = ("successful", "gross_slip", "wrap_vanished", "belt_overstretched")
@@ -55,13 +57,25 @@ def residual(model, held, unknown):
     return jnp.max(jnp.abs(contact_search._equations(packed, (model, task))))
 
 
+def shapes(unknown, model):
+    """Each span by itself, at the tension that is asked for."""
+
+    def one(data):
+        start, largest = span_start(data), jnp.array([1.5, 0.5])
+        return system_root(lambda y: span_at(y, data)[1], start, largest).root
+
+    return jax.vmap(one)(contact._span_data(unknown, 1 / model.rho, model)[0])
+
+
 @jax.jit
 def surplus(model, held):
     """Belt too long for two locked pulleys, at each level of tension: their one true unknown."""
 
     def one(level):
         zero = jnp.zeros(())
-        unknown = contact.Unknown(jnp.ones_like(model.rho), level, zero, zero)
+        free = jnp.ones_like(model.rho), level, zero, zero, jnp.zeros((2, 2))
+        unknown = contact.Unknown(*free)
+        unknown = unknown._replace(shape=shapes(unknown, model))
         first = contact.joined(unknown, model)
         loop = contact.joined(unknown._replace(w=first.wrap), model)
         return contact_search._length(loop) / held.L0 - 1, jnp.min(loop.wrap)
