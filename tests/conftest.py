@@ -31,3 +31,11 @@ def run(monkeypatch, capsys, tmp_path):
         return end.value.code, output.out, output.err
 
     return call
+
+
+def pytest_collection_modifyitems(items):
+    """A worker takes whole files, and all of contact: those share what takes longest to compile."""
+    for item in items:
+        name = item.path.name
+        group = "contact" if "contact" in name else str(item.path)
+        item.add_marker(pytest.mark.xdist_group(group))

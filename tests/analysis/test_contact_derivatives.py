@@ -9,7 +9,7 @@ from contact_drives import equal, largest, seven, state, unequal
 from drives import flat_numbers, three_ways
 
 import beltjax as bj
-from beltjax.analysis.contact import _solved
+from beltjax.analysis.contact import contact_solution
 
 slow = pytest.mark.slow
 KONG = jnp.zeros(())
@@ -17,7 +17,7 @@ KONG = jnp.zeros(())
 
 def answers(drive, point, maximum):
     """Tensions, wraps, adhesions, efficiency, unstretched length, torque factor, arm angle."""
-    found = _solved(drive, point, KONG, maximum)
+    found = contact_solution(drive, point, KONG, maximum)
     scalars = [found.efficiency, found.unstretched_length, found.torque_factor]
     if found.arm_angle is not None:
         scalars.append(found.arm_angle)
