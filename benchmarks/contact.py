@@ -66,7 +66,7 @@ def rows(name: str, maximum: bool) -> list[Row]:
     numbers, together = split(drive, point)
 
     def value(numbers):
-        return answer(*together(numbers), question)
+        return answer(*together(numbers), maximum=question)
 
     def both(numbers):
         return jax.value_and_grad(value, has_aux=True)(numbers)

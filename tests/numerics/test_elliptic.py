@@ -38,7 +38,7 @@ def test_first_and_second_kind_agree_with_scipy(arguments, found):
 def test_third_kind_agrees_with_scipy(arguments, found):
     x, y, z, p = arguments
     # Digits go where p is the smallest by far; a span's p is all but z.
-    allowed = 2e-15 + 1e-16 * np.sqrt(np.maximum(np.maximum(x, y), z) / p)
+    allowed = 2e-14 + 1e-16 * np.sqrt(np.maximum(np.maximum(x, y), z) / p)
     assert np.max(np.abs(found[0].rj / elliprj(x, y, z, p) - 1) / allowed) < 1
     assert carlson(0.3, 0.4, 0.2, 0.2).rj == pytest.approx(float(carlson(0.3, 0.4, 0.2).rd))
 
