@@ -44,7 +44,7 @@ def answer(drive, point, maximum):
 
 
 def of_peer(state, order, spans):
-    """The same numbers in listed order; for travel as listed."""
+    """The same numbers, of a belt that travels as listed."""
     assert np.all(order == spans)
     tensions = np.stack([state.tension_start, state.tension_middle, state.tension_end], axis=1)
     return np.concatenate([tensions.ravel(), state.wraps])
@@ -59,14 +59,14 @@ def timed(function, *arguments):
 def rows(name: str, maximum: bool) -> list[Row]:
     drive, point = bj.load_drive(ROOT / "examples" / f"{name}.toml")
     question = jnp.asarray(float(maximum))
-    theirs, *places = peer_of(drive, point)
+    theirs, order, spans = peer_of(drive, point)
     solve = peer.maximum_moment if maximum else peer.contact_state
-    true = of_peer(solve(theirs, 1e-7, 1e-11), *places)
+    true = of_peer(solve(theirs, 1e-7, 1e-11), order, spans)
     loose, seconds = timed(solve, theirs)
     numbers, together = split(drive, point)
 
     def value(numbers):
-        return answer(*together(numbers), question)
+        return answer(*together(numbers), maximum=question)
 
     def both(numbers):
         return jax.value_and_grad(value, has_aux=True)(numbers)
@@ -94,14 +94,13 @@ def rows(name: str, maximum: bool) -> list[Row]:
         wrong = error(result[0]) if batch == 1 else None
         table.append(Row(way, batch, wrong, None, wait, best_time(program, given) / batch))
         print(f"{name} {way}: compile {wait:.1f} s, run {1e6 * table[-1].run:.0f} us", flush=True)
-    table.append(Row("SciPy", 1, error(of_peer(loose, *places)), None, None, seconds))
+    table.append(Row("SciPy", 1, error(of_peer(loose, order, spans)), None, None, seconds))
     return table
 
 
 if __name__ == "__main__":
     for name in sys.argv[1:] or NUMBERS:
         for maximum in (False, True):
-            title = f"{name}, {'maximum' if maximum else 'regular'}"
-            show(title, "drive", rows(name, maximum))
+            show(f"{name}, {'maximum' if maximum else 'regular'}", "drive", rows(name, maximum))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     print(f"peak memory {peak / 1e6:.2f} GB")
