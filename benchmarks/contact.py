@@ -21,7 +21,7 @@ import numpy as np
 from timing import Row, best_time, compiled, show
 
 import beltjax as bj
-from beltjax.analysis.contact import _solved
+from beltjax.analysis.contact import contact_solution
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
@@ -39,7 +39,7 @@ def split(drive, point):
 
 
 def answer(drive, point, maximum):
-    found = _solved(drive, point, jnp.zeros(()), maximum)
+    found = contact_solution(drive, point, jnp.zeros(()), maximum)
     return found.efficiency, (jnp.concatenate([found.tensions.ravel(), found.wraps]), found.result)
 
 

@@ -66,8 +66,16 @@ def directions(given):
     )
 
 
-@pytest.mark.parametrize("eps", BENDING)
-@pytest.mark.parametrize("name", ["three_pulley", "seven_pulley"])
+# Thin layers and a moderate one at every run, the others by `pytest -m slow`.
+USUAL = {("three_pulley", 0.001), ("seven_pulley", 0.02), ("three_pulley", 0.3)}
+CASES = [
+    pytest.param(name, eps, marks=() if (name, eps) in USUAL else pytest.mark.slow)
+    for name in ("three_pulley", "seven_pulley")
+    for eps in BENDING
+]
+
+
+@pytest.mark.parametrize(("name", "eps"), CASES)
 def test_equals_the_closed_form_with_its_derivatives(name, eps):
     given, point = with_bending(name, eps)
     along = directions(given)

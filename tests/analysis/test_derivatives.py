@@ -18,8 +18,16 @@ def answers(drive, point):
     return jnp.concatenate([scalars, steady.coupling])
 
 
-@pytest.mark.parametrize("rule", ["tension", "belt"])
-@pytest.mark.parametrize("name", ["three_pulley", "seven_pulley"])
+# Each drive and each rule at every run, the other pairs by `pytest -m slow`.
+PAIRS = [
+    ("three_pulley", "belt"),
+    ("seven_pulley", "tension"),
+    pytest.param("three_pulley", "tension", marks=pytest.mark.slow),
+    pytest.param("seven_pulley", "belt", marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize(("name", "rule"), PAIRS)
 def test_forward_reverse_and_differences_agree(name, rule):
     drive, point = example(name)
     if rule == "belt":

@@ -85,6 +85,7 @@ def test_the_elasticas_closed_form_is_the_span_by_collocation(ours):
     assert np.max(np.abs(slopes - closed_slopes) / scale) < 1e-8
 
 
+@pytest.mark.slow  # SciPy's differences
 def test_derivatives_are_differences_of_scipys(ours):
     _, slopes, _ = ours
     for k in (2, 9, 15, 18):  # one of each pattern of senses, of four layers
