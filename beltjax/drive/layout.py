@@ -27,7 +27,7 @@ class Layout(eqx.Module):
     starts: Float[Array, "spans 2"]  # tangent point on the span's first pulley
     ends: Float[Array, "spans 2"]  # tangent point on its second
     span_lengths: Float[Array, " spans"]
-    wraps: Float[Array, " pulleys"]  # in (-pi/2, 3 pi/2); not positive: contact lost
+    wraps: Float[Array, " pulleys"]  # not positive: contact lost
     arc_lengths: Float[Array, " pulleys"]
     path_length: Float[Array, ""]
     arm_length: Float[Array, ""]  # r_t; 1 where there is no tensioner
@@ -105,7 +105,7 @@ def belt_path(of: Outline, turn: Float[Array, ""]) -> Path:
     along_x = jnp.where(exists, (lengths * across + of.sense * rise * up) / distance2, 1.0)
     along_y = jnp.where(exists, (lengths * up - of.sense * rise * across) / distance2, 0.0)
 
-    wraps = _wraps(along_x, along_y, of.faces * of.sense)
+    wraps = _wraps(along_x, along_y, of.faces, of.sense)
     arm_length = jnp.sqrt(arm[0] ** 2 + arm[1] ** 2)
     side_x, side_y = -arm[1] / arm_length, arm[0] / arm_length
     # The difference of a span's two ends is all that it feels of the arm: + for the span that
@@ -171,12 +171,20 @@ def _following(values: Float[Array, " n"]) -> Float[Array, " n"]:
     return jnp.roll(values, -1)
 
 
-def _wraps(along_x, along_y, side) -> Float[Array, " pulleys"]:
-    """Angle by which each pulley turns the belt, positive where it touches it."""
+def _wraps(along_x, along_y, faces, sense) -> Float[Array, " pulleys"]:
+    """Angle by which each pulley turns the belt, positive where it touches it.
+
+    In (-90, 270) degrees. Only a large pulley close to a small one takes more: then the belt would
+    seem not to turn round at all.
+    """
     before_x, before_y = jnp.roll(along_x, 1), jnp.roll(along_y, 1)
     cross = before_x * along_y - before_y * along_x
-    turn = side * jnp.arctan2(cross, before_x * along_x + before_y * along_y)
-    return jnp.where(turn < -jnp.pi / 2, turn + 2 * jnp.pi, turn)
+    turn = faces * sense * jnp.arctan2(cross, before_x * along_x + before_y * along_y)
+    turn = jnp.where(turn < -jnp.pi / 2, turn + 2 * jnp.pi, turn)
+    least = jnp.arange(len(turn)) == jnp.argmin(turn)
+    unturned = jnp.abs(jnp.sum(faces * turn)) < 1.0
+    misread = least & unturned & (turn < 0) & (faces > 0)
+    return jnp.where(misread, turn + 2 * jnp.pi, turn)
 
 
 def _alignment(drive: Drive, arm, directions) -> Float[Array, "2"]:

@@ -34,6 +34,18 @@ def test_two_equal_pulleys_have_an_exact_path():
     np.testing.assert_allclose(at.wraps, np.pi, rtol=1e-15)
 
 
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_a_large_pulley_beside_a_small_one_is_wrapped_by_more_than_three_quarters(sense):
+    drive, _ = example("two_pulley_table_5_3")
+    drive = eqx.tree_at(lambda d: d.pulleys[1].center, drive, jnp.array([0.0565, 0.0]))
+    # R = 10 and 50 mm on centers 56.5 mm apart: sin(phi) = 40/56.5.
+    at = bj.layout(eqx.tree_at(lambda d: d.sense, drive, jnp.asarray(sense)))
+    phi = np.arcsin(40 / 56.5)
+    np.testing.assert_allclose(at.wraps, [np.pi - 2 * phi, np.pi + 2 * phi], rtol=1e-14)
+    assert at.result == bj.RESULTS.successful
+    assert np.degrees(at.wraps[1]) > 270
+
+
 def mirrored(drive):
     """The drive seen from behind: listed in the other sense."""
     flip = jnp.array([-1.0, 1.0])
