@@ -6,8 +6,10 @@ from drives import example
 
 import beltjax as bj
 
+SEVEN = pytest.param("seven_pulley", marks=pytest.mark.slow)
 
-@pytest.mark.parametrize("name", ["two_pulley_table_5_1", "seven_pulley"])
+
+@pytest.mark.parametrize("name", ["two_pulley_table_5_1", SEVEN])
 def test_pieces_join_and_measure_what_the_state_says(name):
     drive, point = example(name)
     state = bj.contact_state(drive, point)

@@ -13,6 +13,8 @@ from beltjax.physics.elastica_collocation import span_by_collocation, tangent_co
 STEP = 1e-4  # relative, of a difference
 SIGNS = [(1, 1), (1, -1), (-1, 1), (-1, -1)]
 
+pytestmark = pytest.mark.slow  # a minute, most of it compiling
+
 
 def numbers_of_spans():
     """(C, EI, rho_start, rho_end, d) [5, spans]: layers of 0.01 to 0.6 of the length, in SI."""
