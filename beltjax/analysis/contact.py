@@ -57,12 +57,14 @@ class ContactState(eqx.Module):
     torque_factor: Float[Array, ""]  # on the operating point's torques; 1 unless they were scaled
     arm_angle: Float[Array, ""] | None  # direction of the arm [rad]
     free_angle: Float[Array, ""] | None
+    order: TravelOrder  # of what is listed, as the belt meets it
     forward: Bool[Array, ""]  # whether the belt runs in the listed order
     inside_left: Bool[Array, ""]  # whether the loop's inside is on the left of the running belt
     model: physics.ContactModel  # in the units of `scales`, along the belt's travel
     solved: search.Solved
     scales: Scales
     error: Float[Array, ""]  # residual of the equations before the last Newton step: an upper bound
+    found: Bool[Array, ""]  # whether its numbers are those of a state, be it not physical
     result: RESULTS
     stats: dict[str, Array]
 
@@ -106,19 +108,30 @@ def maximum_moment(
 def _contact(drive, point, law: Law, maximum: bool, throw: bool) -> ContactState:
     if law not in LAWS:
         raise ValueError(f"law {law!r} is not one of {', '.join(map(repr, LAWS))}.")
-    _require_friction(drive, point, maximum)
+    bare = without_friction(drive, point, maximum)
+    if bare is not None:
+        raise ValueError(f"Pulley {bare!r} has torque; contact needs its friction.")
     # The law and the question are data, so that one compiled program answers them all.
     found = contact_solution(drive, point, *asked(law, maximum))
     return raise_unless_successful(found, found.result, throw)
 
 
-def _require_friction(drive: Drive, point: OperatingPoint, maximum: bool) -> None:
+def without_friction(drive: Drive, point: OperatingPoint, maximum: bool) -> str | None:
+    """Name of a pulley that has torque, the driver too, and no friction to hold it."""
+
+    def turned(name: str) -> bool:
+        torque = concrete(point.torque.get(name, jnp.zeros(())))
+        # One that is traced may be anything.
+        return torque is None or bool(np.any(torque))
+
     alone = len(drive.pulleys) == 2 and maximum
+    driven = any(map(turned, point.torque))
     for pulley in drive.pulleys:
-        torque = concrete(point.torque.get(pulley.name, jnp.zeros(())))
-        # Torques that are traced may be anything.
-        if pulley.friction is None and (alone or torque is None or np.any(torque)):
-            raise ValueError(f"Pulley {pulley.name!r} has torque; contact needs its friction.")
+        drives = concrete(pulley.driver)
+        driving = driven and (drives is None or bool(np.any(drives)))
+        if pulley.friction is None and (alone or driving or turned(pulley.name)):
+            return pulley.name
+    return None
 
 
 def asked(law: Law, maximum: bool) -> tuple[Float[Array, ""], Float[Array, ""]]:
@@ -164,7 +177,8 @@ def contact_solution(drive: Drive, point: OperatingPoint, law, maximum) -> Conta
         (jnp.any(loaded & (loop.wrap - loop.slip < -_SLIPPING)), RESULTS.gross_slip),
         (beyond_stops(drive, arm_angle), RESULTS.arm_at_stop),
     )
-    state = _state(drive, travel, scales, model, solved, drawn.arm_angle, result)
+    found = succeeded(missing)
+    state = _state(drive, travel, scales, model, solved, drawn.arm_angle, found, result)
     return frozen_where_failed(state, missing)
 
 
@@ -183,11 +197,11 @@ def _installed(drive: Drive, point: OperatingPoint) -> _Start:
     if isinstance(rule, TensionGiven):
         return _Start(rule.tension, still, jnp.ones(()), still, RESULTS.successful)
     string = resting(drive, point)
-    held = held_by_belt(layout(drive), rule)
+    drawn = layout(drive)
+    held = held_by_belt(drawn, rule)
     turn = still
     if string.arm_angle is not None:
-        drawn = jnp.arctan2(drive.arm[1], drive.arm[0])
-        turn = jnp.where(succeeded(string.result), string.arm_angle - drawn, 0.0)
+        turn = jnp.where(succeeded(string.result), string.arm_angle - drawn.arm_angle, 0.0)
     return _Start(
         *jax.lax.stop_gradient((string.base_tension, turn)),
         held.length,
@@ -264,7 +278,7 @@ def _too_stiff(model: physics.ContactModel) -> Bool[Array, ""]:
     return jnp.max(model.EI / model.rho**2 / 2) >= 1.0
 
 
-def _state(drive, travel, scales, model, solved, drawn, result) -> ContactState:
+def _state(drive, travel, scales, model, solved, drawn, found, result) -> ContactState:
     """The solution in SI and listed order."""
     loop, force, length = solved.loop, scales.tension, scales.length
     order, factor = TravelOrder.of(len(model.rho), travel), jnp.exp(solved.unknown.scale)
@@ -296,12 +310,14 @@ def _state(drive, travel, scales, model, solved, drawn, result) -> ContactState:
         torque_factor=factor,
         arm_angle=None if drive.tensioner is None else drawn + solved.unknown.turn,
         free_angle=None if drive.tensioner is None else drawn - solved.held.wind_up,
+        order=order,
         forward=travel > 0,
         inside_left=drive.sense * travel > 0,
         model=model,
         solved=solved,
         scales=scales,
         error=solved.residual,
+        found=found,
         result=result,
         stats={"steps": solved.steps, "load": solved.load},
     )

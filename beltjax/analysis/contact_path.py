@@ -35,13 +35,13 @@ def belt_pieces(state: ContactState, points: int = POINTS) -> tuple[BeltPiece, .
     """
     loop, model = jax.device_get((state.solved.loop, state.model))
     curvatures = _span_curvatures(state, points)
-    count, pieces, run = len(model.rho), [], 0.0
-    forward = bool(state.forward)
-    for k in range(count):
-        pulley = k if forward else -k % count
-        span = k if forward else (-k - 1) % count
-        for piece in (*_arcs(k, loop, model, points), _span(k, curvatures[k], loop, model)):
-            place = span if piece.zone == "span" else pulley
+    starts, ends = _inclinations(loop, model)
+    pulleys, spans = np.asarray(state.order.pulleys), np.asarray(state.order.spans)
+    pieces, run = [], 0.0
+    for k in range(len(model.rho)):
+        arcs = _arcs(k, float(ends[k - 1]), loop, model, points)
+        for piece in (*arcs, _span(k, float(starts[k]), curvatures[k], loop, model)):
+            place = int((spans if piece.zone == "span" else pulleys)[k])
             if piece.arc_length[-1] > 0:
                 pieces.append(_in_si(piece, place, run, state))
                 run += piece.arc_length[-1]
@@ -59,12 +59,22 @@ def _curvatures(spans, data, along):
     return jax.vmap(lambda span, of: curvature_along(span, of, along * span.L))(spans, data)
 
 
-def _arcs(k: int, loop: physics.Loop, model: physics.ContactModel, points: int):
+def _inclinations(loop: physics.Loop, model: physics.ContactModel):
+    """Of the belt in the plane of the drive, at the spans' starts and ends."""
+    line = np.arctan2(np.roll(loop.y, -1) - loop.y, np.roll(loop.x, -1) - loop.x)
+    return (line + np.asarray(angle) for angle in physics.inclinations(loop.spans, model))
+
+
+def _contact(k: int, inclination, loop: physics.Loop, model: physics.ContactModel) -> np.ndarray:
+    """Points of the k-th pulley where a belt of these inclinations touches it."""
+    rho = float(model.rho[k])
+    x, y = loop.x[k] + rho * np.sin(inclination), loop.y[k] - rho * np.cos(inclination)
+    return np.stack([x, y], axis=-1)
+
+
+def _arcs(k: int, entry: float, loop: physics.Loop, model: physics.ContactModel, points: int):
     """Arcs of adhesion and of slip on the k-th pulley that the belt meets."""
     rho, turn = float(model.rho[k]), np.sign(model.rho[k])
-    before = k - 1
-    across, up = loop.x[k] - loop.x[before], loop.y[k] - loop.y[before]
-    entry = np.arctan2(up, across) + loop.spans.phi[before] + 2 * turn * loop.spans.u_j[before]
     adhesion, slip = max(float(loop.touching[k] - loop.slip[k]), 0.0), float(loop.slip[k])
     rate = np.sign(loop.P_out[k] - loop.P_in[k]) * model.mu[k]
     bent = model.EI * loop.kap[k] ** 2 / 2
@@ -73,37 +83,31 @@ def _arcs(k: int, loop: physics.Loop, model: physics.ContactModel, points: int):
         angle = start + np.linspace(0.0, length, points)
         inclination = entry + turn * angle
         P = loop.P_in[k] * np.exp(rate * np.maximum(angle - adhesion, 0.0))
-        x = loop.x[k] + rho * np.sin(inclination)
-        y = loop.y[k] - rho * np.cos(inclination)
         yield BeltPiece(
             zone,
             k,
             np.abs(rho) * (angle - start),
-            np.stack([x, y], axis=1),
+            _contact(k, inclination, loop, model),
             np.asarray(physics.tension(P, bent, loop, model)),
             np.asarray(physics.speed(P, bent, loop, model)),
             np.full(points, loop.kap[k]),
         )
 
 
-def _span(k: int, kap: np.ndarray, loop: physics.Loop, model: physics.ContactModel) -> BeltPiece:
+def _span(
+    k: int, start: float, kap: np.ndarray, loop: physics.Loop, model: physics.ContactModel
+) -> BeltPiece:
     """The k-th span, its curvature integrated to its inclination and its path."""
-    after = (k + 1) % len(model.rho)
-    across, up = loop.x[after] - loop.x[k], loop.y[after] - loop.y[k]
     s = np.linspace(0.0, 1.0, len(kap)) * float(loop.spans.L[k])
-    start = (
-        np.arctan2(up, across) + loop.spans.phi[k] - 2 * np.sign(model.rho[k]) * (loop.spans.u_i[k])
-    )
     inclination = start + cumulative_simpson(kap, x=s, initial=0.0)
     x = cumulative_simpson(np.cos(inclination), x=s, initial=0.0)
     y = cumulative_simpson(np.sin(inclination), x=s, initial=0.0)
-    x += loop.x[k] + model.rho[k] * np.sin(start)
-    y += loop.y[k] - model.rho[k] * np.cos(start)
+    path = _contact(k, start, loop, model) + np.stack([x, y], axis=1)
     bent = model.EI * kap**2 / 2
     P = loop.C[k] - bent
     tension = np.asarray(physics.tension(P, bent, loop, model))
     speed = np.asarray(physics.speed(P, bent, loop, model))
-    return BeltPiece("span", k, s, np.stack([x, y], axis=1), tension, speed, kap)
+    return BeltPiece("span", k, s, path, tension, speed, kap)
 
 
 def _in_si(piece: BeltPiece, place: int, run: float, state: ContactState) -> BeltPiece:
@@ -128,7 +132,7 @@ def span_deflection(state: ContactState, i: int) -> tuple[np.ndarray, np.ndarray
     """
     piece = next(p for p in belt_pieces(state) if p.zone == "span" and p.place == i)
     loop, model = state.solved.loop, state.model
-    k = i if bool(state.forward) else (-i - 1) % len(model.rho)
+    k = int(state.order.spans[i])
     after = (k + 1) % len(model.rho)
     center = np.array([loop.x[k], loop.y[k]])
     line = np.array([loop.x[after], loop.y[after]]) - center

@@ -13,19 +13,10 @@ from beltjax.report.documents import plain
 from beltjax.report.tables import number, plain_table
 from beltjax.results import RESULTS, explanation, succeeded
 
-# Results that leave a state behind, physical or not.
-_FOUND = (
-    RESULTS.successful,
-    RESULTS.gross_slip,
-    RESULTS.wrap_vanished,
-    RESULTS.arm_at_stop,
-    RESULTS.belt_overstretched,
-)
-
 
 def contact_document(drive: Drive, state: ContactState) -> dict[str, Any]:
     """A contact state with the fixed keys; its numbers are None where no state was found."""
-    found = any(bool(state.result == member) for member in _FOUND)
+    found = bool(state.found)
     two = len(drive.pulleys) == 2
     moments = np.asarray(state.moments)
     driven = float(np.abs(moments[int(np.argmin(drive.drives))]))

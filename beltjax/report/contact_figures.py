@@ -41,7 +41,7 @@ def _draw_pulleys(axes: Axes, drive: Drive, state: ContactState) -> None:
     length, count = float(state.scales.length), len(drive.pulleys)
     circle = np.linspace(0, 2 * np.pi, 181)
     for k in range(count):
-        place = k if bool(state.forward) else -k % count
+        place = int(state.order.pulleys[k])
         center = 1e3 * length * np.array([float(loop.x[k]), float(loop.y[k])])
         radius = 1e3 * length * abs(float(model.rho[k]))
         axes.fill(

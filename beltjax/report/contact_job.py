@@ -5,7 +5,7 @@ import os
 
 import jax
 
-from beltjax.analysis.contact import ContactState, Law, asked, contact_solution
+from beltjax.analysis.contact import ContactState, Law, asked, contact_solution, without_friction
 from beltjax.analysis.steady import SteadyState, steady_state
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.files import load_drive
@@ -31,7 +31,10 @@ def contact_job(
     is a report with a `failure`.
     """
     drive, point = load_drive(path)
-    _require_friction(path, drive, point, maximum)
+    bare = without_friction(drive, point, maximum)
+    if bare is not None:
+        message = "is missing; this pulley has torque, which friction holds"
+        raise FileError(path, f"pulley.{bare}.friction", message)
     state = jax.device_get(run_kept(contact_solution, drive, point, *asked(law, maximum)))
     why = diagnose_contact(drive, point, state)
     if why and why.impossible:
@@ -63,13 +66,3 @@ def _pictures(
 
 def _fixed_contacts(drive: Drive, point: OperatingPoint) -> SteadyState:
     return steady_state(drive, point, throw=False)
-
-
-def _require_friction(path, drive: Drive, point: OperatingPoint, maximum: bool) -> None:
-    alone = maximum and len(drive.pulleys) == 2
-    turned = any(float(torque) for torque in point.torque.values())
-    for pulley in drive.pulleys:
-        torque = float(point.torque.get(pulley.name, 0.0)) or (turned and float(pulley.driver))
-        if pulley.friction is None and (alone or torque):
-            key = f"pulley.{pulley.name}.friction"
-            raise FileError(path, key, "is missing; this pulley has torque, which friction holds")
