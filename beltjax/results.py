@@ -65,6 +65,7 @@ if TYPE_CHECKING:
         no_starting_design: "RESULTS"
         constraints_infeasible: "RESULTS"
         optimum_not_reached: "RESULTS"
+        time_limit_reached: "RESULTS"
 
 else:
 
@@ -195,6 +196,11 @@ else:
         optimum_not_reached = (
             "The optimizer stopped before it reached an optimum. Use more starts, or scale down "
             "the bounds."
+        )
+        time_limit_reached = (
+            "The time limit ended the search before any start reached an optimum. Raise "
+            "optimizer.time_limit, or go on from a checkpoint or with the design reached as a "
+            "warm start."
         )
 
 

@@ -6,12 +6,16 @@ from beltjax.drive.variables import variable_names as variable_names
 from beltjax.drive.variables import with_values as with_values
 
 from . import lagrangian as lagrangian
-from .design import ConstraintReport as ConstraintReport
-from .design import Design as Design
-from .design import StartReport as StartReport
 from .design import minimize as minimize
+from .files import load_study as load_study
+from .optimality import Optimality as Optimality
+from .outcome import ConstraintReport as ConstraintReport
+from .outcome import Design as Design
+from .outcome import Optimum as Optimum
+from .outcome import StartReport as StartReport
 from .quantities import Answers as Answers
 from .quantities import quantity as quantity
+from .search import History as History
+from .study import Cases as Cases
 from .study import Limits as Limits
 from .study import Study as Study
-from .study import load_study as load_study

@@ -5,6 +5,7 @@ one for each gap), so that a limit on it is a smooth limit on each.
 """
 
 import functools
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -12,10 +13,20 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from beltjax.analysis.contact import ContactState, contact_state, maximum_moment
+from beltjax.analysis.damping import Damping
+from beltjax.analysis.linearization import Linearization, has_inertias, linearize
+from beltjax.analysis.modes import Modes, modes
+from beltjax.analysis.response import Excitation, Response, frequency_response
 from beltjax.analysis.steady import SteadyState
 from beltjax.drive.checks import clearances
 from beltjax.drive.components import Drive, OperatingPoint
+from beltjax.numerics.bases import Legendre
 from beltjax.results import RESULTS, succeeded
+
+MODES = 8  # natural modes that a study looks at
+BASIS = Legendre(12)  # frequencies to about 0.1 %
+MODAL_DAMPING = 0.02  # of forced vibration, beside the arm's own
+ORDER = 2.0  # of forced vibration, unless the drive file says: four-cylinder firing
 
 
 class Answers:
@@ -24,6 +35,7 @@ class Answers:
     def __init__(self, drive: Drive, point: OperatingPoint, steady: SteadyState):
         self.drive, self.point, self.steady = drive, point, steady
         self._contacts: list[ContactState] = []
+        self._others: list[RESULTS] = []
 
     @functools.cached_property
     def contact(self) -> ContactState:
@@ -35,6 +47,40 @@ class Answers:
         """The same under the largest torques."""
         return self._kept(maximum_moment(self.drive, self.point, throw=False))
 
+    @functools.cached_property
+    def linearization(self) -> Linearization:
+        """Small vibration about the steady state."""
+        return linearize(self.steady, BASIS)
+
+    @functools.cached_property
+    def modes(self) -> Modes:
+        """The natural modes of lowest frequency."""
+        found = modes(self.linearization, MODES, route="hermitian")
+        self._others.append(found.result)
+        return found
+
+    @functools.cached_property
+    def response(self) -> Response:
+        """Forced vibration by what the drive file's [excitation] says, at this speed."""
+        shaken = self.point.excitation
+        assert shaken is not None  # as `quantity`'s callers hold
+        order = ORDER if shaken.order is None else shaken.order
+        crank = 0.0 if shaken.crank is None else shaken.crank
+        found = frequency_response(
+            self.linearization,
+            order * self.driver_speed[None],
+            Excitation(crank, dict(shaken.torque)),
+            self.drive.pulley_names,
+            damping=Damping(modal=MODAL_DAMPING),
+        )
+        self._others.append(found.result)
+        return found
+
+    @property
+    def driver_speed(self) -> Float[Array, ""]:
+        """Of the driver's rotation [rad/s]."""
+        return self.point.speed(self.drive) / (self.drive.drives @ self.drive.radii)
+
     def _kept(self, found: ContactState) -> ContactState:
         self._contacts.append(found)
         return found
@@ -45,6 +91,8 @@ class Answers:
         for state in self._contacts:
             slips = (state.result == RESULTS.gross_slip) | (state.result == RESULTS.wrap_vanished)
             good = good & (succeeded(state.result) | slips)
+        for result in self._others:
+            good = good & succeeded(result)
         return good
 
 
@@ -61,9 +109,10 @@ class Quantity(NamedTuple):
 
 class _Kind(NamedTuple):
     unit: str
-    of: str  # "", "pulley" or "span": what follows the colon
+    of: str  # "", "pulley", "span", "mode" or "order": what follows the colon
     measure: Callable[..., Float[Array, "..."]]  # of the answers, and of the place where named
-    friction: bool = False  # whether it needs the friction of every pulley
+    needs: str = ""  # "friction", "inertia" of every pulley; "excitation": that and inertias
+    many: bool = False  # many numbers at once: fit to be limited, not to be minimized
 
 
 def _hub_load(of: Answers, j: int):
@@ -75,7 +124,7 @@ def _hub_load(of: Answers, j: int):
 
 def _slip_margin(of: Answers, j: int):
     friction = of.drive.pulleys[j].friction
-    assert friction is not None  # as `quantity` holds
+    assert friction is not None  # as `_require_data` holds
     ratio = of.steady.effective_tensions[j] / of.steady.effective_tensions[j - 1]
     return friction * of.steady.reference.layout.wraps[j] - jnp.abs(jnp.log(ratio))
 
@@ -90,6 +139,21 @@ def _tightness(of: Answers):
     return jnp.concatenate([of.steady.groups.tensions, of.steady.effective_tensions])
 
 
+def _order_distance(of: Answers, order: float):
+    """How far each natural frequency is from `order` times the driver's speed."""
+    return jnp.abs(of.modes.frequencies - order * of.driver_speed)
+
+
+def _order_margin(of: Answers, order: float):
+    """The same, over that frequency of excitation."""
+    return _order_distance(of, order) / (order * of.driver_speed)
+
+
+def _arm_amplitude(of: Answers):
+    turning = of.response.arm_rotation[0]
+    return jnp.sqrt(turning.real**2 + turning.imag**2 + 1e-60)
+
+
 def _speed_ratio(of: Answers, j: int):
     return (of.drive.drives @ of.drive.radii) / of.drive.pulleys[j].radius
 
@@ -98,10 +162,10 @@ _KINDS = {
     "coupling": _Kind("", "", lambda of: jnp.sum(of.steady.coupling)),
     "coupling:": _Kind("", "span", lambda of, i: of.steady.coupling[i]),
     "tensioner_effectiveness": _Kind("", "", lambda of: of.steady.effectiveness),
-    "wraps": _Kind("rad", "", lambda of: of.steady.reference.layout.wraps),
+    "wraps": _Kind("rad", "", lambda of: of.steady.reference.layout.wraps, many=True),
     "wrap:": _Kind("rad", "pulley", lambda of, j: of.steady.reference.layout.wraps[j]),
-    "clearance": _Kind("m", "", _all_gaps),
-    "tightness": _Kind("", "", _tightness),
+    "clearance": _Kind("m", "", _all_gaps, many=True),
+    "tightness": _Kind("", "", _tightness, many=True),
     "speed_ratio:": _Kind("", "pulley", _speed_ratio),
     "tension:": _Kind("N", "span", lambda of, i: of.steady.running_tensions[i]),
     "hub_load:": _Kind("N", "pulley", _hub_load),
@@ -109,17 +173,30 @@ _KINDS = {
     "path_length": _Kind("m", "", lambda of: of.steady.reference.layout.path_length),
     "belt_length": _Kind("m", "", lambda of: of.steady.reference.unstretched_length),
     "span_length:": _Kind("m", "span", lambda of, i: of.steady.reference.layout.span_lengths[i]),
-    "efficiency": _Kind("", "", lambda of: of.contact.efficiency, friction=True),
-    "adhesion:": _Kind("rad", "pulley", lambda of, j: of.contact.adhesions[j], friction=True),
-    "contact_wrap:": _Kind("rad", "pulley", lambda of, j: of.contact.wraps[j], friction=True),
-    "torque_factor": _Kind("", "", lambda of: of.slipping.torque_factor, friction=True),
-    "maximum_moment": _Kind("N m", "", lambda of: of.slipping.driver_moment, friction=True),
+    "efficiency": _Kind("", "", lambda of: of.contact.efficiency, needs="friction"),
+    "adhesion:": _Kind("rad", "pulley", lambda of, j: of.contact.adhesions[j], needs="friction"),
+    "contact_wrap:": _Kind("rad", "pulley", lambda of, j: of.contact.wraps[j], needs="friction"),
+    "torque_factor": _Kind("", "", lambda of: of.slipping.torque_factor, needs="friction"),
+    "maximum_moment": _Kind("N m", "", lambda of: of.slipping.driver_moment, needs="friction"),
     "arm_rotation": _Kind("rad", "", lambda of: of.steady.arm_rotation),
+    "frequency:": _Kind("rad/s", "mode", lambda of, k: of.modes.frequencies[k], "inertia"),
+    "order_distance:": _Kind("rad/s", "order", _order_distance, "inertia", many=True),
+    "order_margin:": _Kind("", "order", _order_margin, "inertia", many=True),
+    "span_amplitude:": _Kind("m", "span", lambda of, i: of.response.span_peaks[0, i], "excitation"),
+    "arm_amplitude": _Kind("rad", "", _arm_amplitude, "excitation"),
 }
 
 
-# Quantities that are many numbers at once: fit to be limited, not to be minimized.
-MANY = ("clearance", "wraps", "tightness")
+def is_many(name: str) -> bool:
+    """Whether a quantity is many numbers at once: fit to be limited, not to be minimized."""
+    word, colon, _ = name.partition(":")
+    return _KINDS[word + colon].many
+
+
+def is_forced(name: str) -> bool:
+    """Whether a quantity needs the drive file's [excitation]."""
+    word, colon, _ = name.partition(":")
+    return _KINDS[word + colon].needs == "excitation"
 
 
 def quantity(name: str, drive: Drive) -> Quantity:
@@ -127,20 +204,46 @@ def quantity(name: str, drive: Drive) -> Quantity:
     word, colon, place = name.partition(":")
     kind = _KINDS.get(word + colon)
     if kind is None:
-        known = ", ".join(
-            k + ("NAME" if v.of == "pulley" else "SPAN" if v.of else "") for k, v in _KINDS.items()
-        )
+        known = ", ".join(k + _PLACES[v.of] for k, v in _KINDS.items())
         raise KeyError(f"there is no quantity {name!r}; give one of {known}")
+    places = (_place(kind.of, place, drive),) if kind.of else ()
+    _require_data(name, kind, drive, places)
+    return Quantity(name, kind.unit, lambda of: jnp.atleast_1d(kind.measure(of, *places)))
+
+
+_PLACES = {"": "", "pulley": "NAME", "span": "SPAN", "mode": "K", "order": "N"}
+
+
+def _place(of: str, place: str, drive: Drive) -> int | float:
+    """What follows the colon, as a measure takes it; modes are counted from 1 in names."""
+    if of == "pulley":
+        return drive.pulley(place)
+    if of == "span":
+        return drive.span(place)
+    try:
+        number = float(place)
+    except ValueError:
+        number = math.nan
+    if of == "mode":
+        if number not in range(1, MODES + 1):
+            raise KeyError(f"there is no mode {place!r}; give one of 1 to {MODES}")
+        return int(number) - 1
+    if not 0 < number < math.inf:
+        raise KeyError(f"{place!r} is no order of the driver's speed; give a number such as 2")
+    return number
+
+
+def _require_data(name: str, kind: _Kind, drive: Drive, places: tuple[int | float, ...]) -> None:
+    word = name.partition(":")[0]
     if word == "tensioner_effectiveness" and drive.tensioner is None:
         raise KeyError("this drive has no tensioner")
-    i = 0
-    if kind.of:
-        i = drive.pulley(place) if kind.of == "pulley" else drive.span(place)
-    if word == "slip_margin" and drive.pulleys[i].friction is None:
-        raise KeyError(f"pulley {place!r} has no friction; add it to the drive file")
-    bare = [pulley.name for pulley in drive.pulleys if pulley.friction is None]
-    if kind.friction and bare:
-        missing = f"pulley {bare[0]!r} has no friction, which {name!r} needs"
+    if kind.needs in ("inertia", "excitation") and not has_inertias(drive):
+        raise KeyError(f"{name!r} needs the inertia of every pulley and of the arm; add them")
+    lacking = [pulley.name for pulley in drive.pulleys if pulley.friction is None]
+    if word == "slip_margin":
+        lacking = [bare for bare in lacking if bare == drive.pulleys[int(places[0])].name]
+    elif kind.needs != "friction":
+        lacking = []
+    if lacking:
+        missing = f"pulley {lacking[0]!r} has no friction, which {name!r} needs"
         raise KeyError(f"{missing}; add it to the drive file")
-    places = (i,) if kind.of else ()
-    return Quantity(name, kind.unit, lambda of: jnp.atleast_1d(kind.measure(of, *places)))

@@ -14,7 +14,7 @@ ALLOWED = {
     "drive": {"drive", "results", "errors", "writing"},
     "analysis": {"numerics", "physics", "drive", "analysis", "results", "errors"},
     "report": {"numerics", "drive", "analysis", "report", "results", "errors", "writing"},
-    "optimize": {"numerics", "drive", "analysis", "results", "errors"},
+    "optimize": {"numerics", "drive", "analysis", "results", "errors", "writing"},
 }
 
 

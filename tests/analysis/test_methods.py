@@ -51,7 +51,15 @@ def test_string_runs_up_to_its_critical_speed():
         assert bool(steady.result == bj.RESULTS.successful) is runs
 
 
-@pytest.mark.parametrize("method", [bj.Exact(), bj.Perturbation(), bj.Linear(), bj.Collocation()])
+@pytest.mark.parametrize(
+    "method",
+    [
+        bj.Exact(),
+        bj.Perturbation(),
+        bj.Linear(),
+        pytest.param(bj.Collocation(), marks=pytest.mark.slow),
+    ],
+)
 def test_deflection_meets_the_pulleys(method):
     drive, point = prototype(0.02, 0.4)
     steady = bj.steady_state(drive, point, method)

@@ -24,7 +24,7 @@ def frequencies(drive, point, basis, exact):
     ("name", "rule", "route"),
     [
         ("three_pulley", "tension", "basis"),
-        ("three_pulley", "belt", "exact"),
+        pytest.param("three_pulley", "belt", "exact", marks=pytest.mark.slow),
         pytest.param("seven_pulley", "belt", "basis", marks=pytest.mark.slow),
         pytest.param("seven_pulley", "tension", "exact", marks=pytest.mark.slow),
     ],

@@ -1,0 +1,292 @@
+"""Study files: a TOML file and the study that it describes."""
+
+import dataclasses
+import math
+import os
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from pydantic import Field
+
+from beltjax.drive.components import Drive, OperatingPoint
+from beltjax.drive.files import load_drive
+from beltjax.drive.quantities import Table, read_toml, to_si, validated
+from beltjax.drive.variables import unit_of, variable_names
+from beltjax.errors import FileError
+
+from .quantities import is_many
+from .study import Cases, Limits, Study, require_quantity, split_name
+
+SiOrText = float | int | str
+
+
+class VariableTable(Table):
+    """[[variable]]."""
+
+    name: str
+    lower: SiOrText
+    upper: SiOrText
+
+
+class ConstraintTable(Table):
+    """[[constraint]]."""
+
+    quantity: str
+    lower: SiOrText | None = None
+    upper: SiOrText | None = None
+
+
+class ObjectiveTable(Table):
+    """[objective]."""
+
+    minimize: str | dict[str, float | int]
+
+
+class RangeTable(Table):
+    """A range of speeds: so many operating points, equally spaced."""
+
+    lower: Annotated[SiOrText, Field(alias="from")]
+    upper: Annotated[SiOrText, Field(alias="to")]
+    points: Annotated[int, Field(ge=2, le=1000)]
+
+
+class PointTable(Table):
+    """[[point]]; what it leaves out is the drive file's."""
+
+    name: str
+    belt_speed: SiOrText | RangeTable | None = None
+    driver_speed: SiOrText | RangeTable | None = None
+    torque: dict[str, SiOrText] | None = None
+
+
+class OptimizerTable(Table):
+    """[optimizer]."""
+
+    method: Literal["augmented-lagrangian", "slsqp", "trust-constr", "ipopt"] = (
+        "augmented-lagrangian"
+    )
+    starts: Annotated[int, Field(ge=1, le=100_000)] = 32
+    seed: Annotated[int, Field(ge=0)] = 0
+    sharpness: Annotated[float, Field(gt=0)] = 50.0
+    time_limit: SiOrText | None = None
+
+
+class StudyTable(Table):
+    """A study file."""
+
+    drive: str
+    objective: ObjectiveTable
+    variable: Annotated[list[VariableTable], Field(min_length=1)]
+    constraint: Annotated[list[ConstraintTable], Field(default_factory=list)]
+    point: Annotated[list[PointTable], Field(default_factory=list)]
+    optimizer: OptimizerTable = OptimizerTable()
+
+
+def load_study(path: str | os.PathLike[str]) -> Study:
+    """The study that a TOML file describes; its drive file is found beside it.
+
+    Raises `FileError`, one line that names the file, the key and the remedy.
+    """
+    file = validated(StudyTable, read_toml(path), path)
+    drive_path = Path(path).parent / file.drive
+    if not drive_path.is_file():
+        raise FileError(path, "drive", f"there is no file {drive_path}; give its path from here")
+    drive, point = load_drive(drive_path)
+    cases = read_cases(file.point, drive, point, path) if file.point else None
+    known = cases.names if cases else ()
+    objective = _objective(file, drive, point, known, path)
+    return Study(
+        drive=drive,
+        point=jax.tree.map(lambda x: x[0], cases.points) if cases else point,
+        variables=_variables(file, drive, path),
+        constraints=_constraints(file, drive, point, known, path),
+        weights=jnp.array(list(objective.values()), dtype=float),
+        objective=tuple(objective),
+        name=Path(path).stem,
+        cases=cases,
+        time_limit=_time_limit(file, path),
+        **file.optimizer.model_dump(exclude={"time_limit"}),
+    )
+
+
+def _time_limit(file: StudyTable, path: object) -> float | None:
+    given = file.optimizer.time_limit
+    if given is None:
+        return None
+    seconds = _number(given, "s", path, "optimizer.time_limit")
+    if not seconds > 0:
+        raise FileError(path, "optimizer.time_limit", f"found {given!r}; must be positive")
+    return seconds
+
+
+def _objective(
+    file: StudyTable, drive: Drive, point: OperatingPoint, cases: tuple[str, ...], path: object
+) -> dict[str, float]:
+    wanted = file.objective.minimize
+    weights = {wanted: 1.0} if isinstance(wanted, str) else dict(wanted)
+    if not weights:
+        raise FileError(path, "objective.minimize", "is empty; give at least one weight")
+    terms = {}
+    for name, weight in weights.items():
+        # A table of weights may name the spans alone.
+        full = f"coupling:{name}" if name in drive.span_names else name
+        _require_quantity(full, drive, point, cases, path, "objective.minimize")
+        try:
+            terms[full] = to_si(weight, "")
+        except ValueError as error:
+            raise FileError(path, f"objective.minimize.{name}", str(error)) from error
+        if is_many(split_name(full)[0]):
+            raise FileError(path, "objective.minimize", f"{full!r} is many numbers; constrain it")
+    return terms
+
+
+def _variables(file: StudyTable, drive: Drive, path: object) -> Limits:
+    known, names, lower, upper = variable_names(drive), [], [], []
+    for variable in file.variable:
+        key = f"variable.{variable.name}"
+        if variable.name not in known:
+            raise FileError(path, key, _no_such_variable(variable.name, drive, known))
+        if variable.name in names:
+            raise FileError(path, key, "is given twice; remove one")
+        bounds = _bounds(variable, unit_of(variable.name), path, key)
+        if bounds[0] >= bounds[1]:
+            found = f"found lower {variable.lower!r}, upper {variable.upper!r}"
+            raise FileError(path, key, f"{found}; lower must be less than upper")
+        if variable.name.endswith((".radius", "stiffness", "tension", "length")) and bounds[0] <= 0:
+            raise FileError(path, f"{key}.lower", f"found {variable.lower!r}; must be positive")
+        names.append(variable.name)
+        lower.append(bounds[0])
+        upper.append(bounds[1])
+    return Limits(tuple(names), jnp.array(lower), jnp.array(upper))
+
+
+def _no_such_variable(name: str, drive: Drive, known: list[str]) -> str:
+    words = name.split(".")
+    if words[0] == "pulley" and len(words) > 1 and words[1] not in drive.pulley_names:
+        return f"there is no pulley {words[1]!r}; give one of {', '.join(drive.pulley_names)}"
+    kinds = [known_name for known_name in known if not known_name.startswith("pulley.")]
+    kinds += [f"pulley.NAME.{end}" for end in ("radius", "center.x", "center.y")]
+    return f"is not a variable of this drive; give one of {', '.join(kinds)}"
+
+
+def _constraints(
+    file: StudyTable, drive: Drive, point: OperatingPoint, cases: tuple[str, ...], path: object
+) -> Limits:
+    names, lower, upper = [], [], []
+    for constraint in file.constraint:
+        key = f"constraint.{constraint.quantity}"
+        unit = _require_quantity(constraint.quantity, drive, point, cases, path, key)
+        if constraint.lower is None and constraint.upper is None:
+            raise FileError(path, key, "has no limit; give lower, upper or both")
+        low, high = _bounds(constraint, unit, path, key)
+        if low > high:
+            found = f"found lower {constraint.lower!r} above upper {constraint.upper!r}"
+            raise FileError(path, key, f"{found}; no design can meet both")
+        names.append(constraint.quantity)
+        lower.append(low)
+        upper.append(high)
+    return Limits(tuple(names), jnp.array(lower), jnp.array(upper))
+
+
+def _require_quantity(
+    name: str,
+    drive: Drive,
+    point: OperatingPoint,
+    cases: tuple[str, ...],
+    path: object,
+    key: str,
+) -> str:
+    """Unit of a quantity that exists; raises `FileError` where it does not."""
+    try:
+        return require_quantity(name, drive, point, cases).unit
+    except KeyError as error:
+        raise FileError(path, key, str(error.args[0])) from error
+
+
+def _bounds(table: Any, unit: str, path: object, key: str) -> tuple[float, float]:
+    bounds = {"lower": -math.inf, "upper": math.inf}
+    for side in bounds:
+        value = getattr(table, side)
+        if value is not None:
+            bounds[side] = _number(value, unit, path, f"{key}.{side}")
+    return bounds["lower"], bounds["upper"]
+
+
+def _number(value: SiOrText, unit: str, path: object, key: str) -> float:
+    try:
+        return to_si(value, unit)
+    except ValueError as error:
+        raise FileError(path, key, str(error)) from error
+
+
+def read_cases(
+    tables: list[PointTable], drive: Drive, point: OperatingPoint, path: object
+) -> Cases:
+    """The operating points of a study; what a table leaves out is `point`'s.
+
+    Raises `FileError` for points that cannot be measured together: twice the same name, some
+    with a belt speed and some with a driver speed, a torque on a pulley that takes none.
+    """
+    names, points = [], []
+    for table in tables:
+        key = f"point.{table.name}"
+        if table.name in names or not table.name or "@" in table.name:
+            raise FileError(path, key, "needs a name of its own without '@'; rename it")
+        torque = _torques(table, drive, point, path)
+        for speed in _speeds(table, point, path):
+            names.append(table.name)
+            points.append(dataclasses.replace(point, torque=torque, excitation=None, **speed))
+    rules = {point.belt_speed is None for point in points}
+    if len(rules) > 1:
+        raise FileError(
+            path, "point", "some give belt_speed and some driver_speed; give the same for all"
+        )
+    shaken = point.excitation
+    stacked = jax.tree.map(lambda *x: jnp.stack(x), *points)
+    if shaken is not None:
+        repeated = jax.tree.map(lambda x: jnp.stack([x] * len(points)), shaken)
+        stacked = dataclasses.replace(stacked, excitation=repeated)
+    return Cases(stacked, tuple(names))
+
+
+def _torques(
+    table: PointTable, drive: Drive, point: OperatingPoint, path: object
+) -> dict[str, float]:
+    torque = {name: float(point.torque.get(name, 0.0)) for name in drive.pulley_names}
+    key = f"point.{table.name}.torque"
+    if table.torque is not None:
+        unknown = [name for name in table.torque if name not in drive.pulley_names]
+        if unknown:
+            known = ", ".join(drive.pulley_names)
+            raise FileError(path, key, f"there is no pulley {unknown[0]!r}; give one of {known}")
+        given = {k: _number(v, "N m", path, f"{key}.{k}") for k, v in table.torque.items()}
+        torque = {name: given.get(name, 0.0) for name in torque}
+    driver = next(p.name for p in drive.pulleys if float(p.driver))
+    if torque.pop(driver):
+        raise FileError(path, key, f"the driver {driver!r} balances the others; remove its torque")
+    return torque
+
+
+def _speeds(
+    table: PointTable, point: OperatingPoint, path: object
+) -> list[dict[str, float | None]]:
+    """Speeds of the cases that one table stands for, each as fields of an operating point."""
+    given = {key: getattr(table, key) for key in ("belt_speed", "driver_speed")}
+    given = {key: value for key, value in given.items() if value is not None}
+    if not given:
+        return [{}]
+    key = f"point.{table.name}"
+    if len(given) > 1:
+        raise FileError(path, key, "has belt_speed and driver_speed; remove one")
+    [(field, value)] = given.items()
+    unit, other = ("m/s", "driver_speed") if field == "belt_speed" else ("rad/s", "belt_speed")
+    ends = [value.lower, value.upper] if isinstance(value, RangeTable) else [value]
+    numbers = [_number(end, unit, path, f"{key}.{field}") for end in ends]
+    if min(numbers) < 0 or (len(numbers) == 2 and numbers[0] >= numbers[1]):
+        raise FileError(path, f"{key}.{field}", f"found {ends}; give speeds from low to high")
+    if isinstance(value, RangeTable):
+        numbers = [float(x) for x in np.linspace(numbers[0], numbers[1], value.points)]
+    return [{field: number, other: None} for number in numbers]

@@ -1,0 +1,168 @@
+"""Whether a design is an optimum: multipliers, the active set, first and second order conditions.
+
+In the scaled problem of `problem.py`, box bounds among the constraints:
+
+    minimize f(x) subject to c(x) <= 0;   L = f + mu . c,   mu >= 0,   mu c = 0.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import null_space
+from scipy.optimize import nnls
+
+CLOSE = 1e-6  # of a limit, in its scale: may be active
+BINDING = 1e-7  # multiplier above which an active limit holds the optimum back
+_STEP = 1e-5  # of the differences of exact gradients that make second derivatives
+
+Vector = np.ndarray
+
+
+class Local(NamedTuple):
+    """A design with the problem's values and first derivatives there, bounds included."""
+
+    x: Vector  # [n]
+    f: float
+    c: Vector  # [m]
+    df: Vector  # [n]
+    dc: np.ndarray  # [m, n]
+
+
+Look = Callable[[Vector], Local | None]  # None where there is no drive to evaluate
+
+
+class Optimality(NamedTuple):
+    """The evidence, in the scaled problem."""
+
+    stationarity: float  # largest component of the Lagrangian's gradient
+    violation: float
+    complementarity: float  # largest multiplier times distance from its limit
+    curvature: float | None  # least of the Lagrangian along directions that keep the active limits
+    multipliers: Vector  # [m]
+    active: np.ndarray  # [m]
+
+    @property
+    def residual(self) -> float:
+        """Of the Karush-Kuhn-Tucker conditions."""
+        return max(self.stationarity, self.violation, self.complementarity)
+
+
+def optimality(at: Local, look: Look, second: bool = True) -> Optimality:
+    """How well a design meets the conditions of an optimum; `second` costs 2n more looks."""
+    active = at.c >= -CLOSE
+    multipliers = np.zeros(len(at.c))
+    if active.any():
+        multipliers[active] = nnls(at.dc[active].T, -at.df)[0]
+    gradient = at.df + multipliers @ at.dc
+    curvature = None
+    if second:
+        bent = curvature_matrix(at, multipliers, look)
+        curvature = None if bent is None else _least(bent, at.dc[active & (multipliers > BINDING)])
+    return Optimality(
+        stationarity=float(np.max(np.abs(gradient))),
+        violation=float(np.max(np.maximum(at.c, 0.0), initial=0.0)),
+        complementarity=float(np.max(np.abs(multipliers * at.c), initial=0.0)),
+        curvature=curvature,
+        multipliers=multipliers,
+        active=active,
+    )
+
+
+def curvature_matrix(at: Local, multipliers: Vector, look: Look) -> np.ndarray | None:
+    """Second derivatives of the Lagrangian, by central differences of its exact gradient."""
+    rows = []
+    for direction in np.eye(len(at.x)) * _STEP:
+        sides = [look(at.x + direction), look(at.x - direction)]
+        if any(side is None for side in sides):
+            return None
+        up, down = (side.df + multipliers @ side.dc for side in sides if side is not None)
+        rows.append((up - down) / (2 * _STEP))
+    found = np.array(rows)
+    return (found + found.T) / 2
+
+
+def _least(bent: np.ndarray, fixed: np.ndarray) -> float | None:
+    """Least curvature along what the rows `fixed` leave free; None where that is nothing."""
+    free = null_space(fixed) if len(fixed) else np.eye(len(bent))
+    if not free.shape[1]:
+        return None
+    return float(np.linalg.eigvalsh(free.T @ bent @ free)[0])
+
+
+def polished(at: Local, look: Look, *, tol: float = 1e-11, max_steps: int = 12) -> Local:
+    """A design close to an optimum, moved onto it by Newton's method on its active limits.
+
+    Steps that do not lower the residual of the optimality conditions are halved, then given up;
+    the design returned is never worse by that measure than the one given.
+    """
+    best, now = at, optimality(at, look, second=False)
+    for _ in range(max_steps):
+        if now.residual <= tol:
+            break
+        step = _newton_step(best, now, look)
+        moved = _shortened(best, step, now.residual, look) if step is not None else None
+        if moved is None:
+            break
+        best, now = moved, optimality(moved, look, second=False)
+    return best
+
+
+def _newton_step(at: Local, now: Optimality, look: Look) -> Vector | None:
+    bent = curvature_matrix(at, now.multipliers, look)
+    if bent is None:
+        return None
+    held = now.multipliers > BINDING
+    violated = at.c > 0
+    for _ in range(len(at.c)):
+        rows = np.flatnonzero(held | violated)
+        step, prices = _equality_step(at, bent, rows)
+        # A limit that pushes the wrong way is let go; one that the step would break is taken in.
+        wrong = rows[prices < -BINDING]
+        ahead = at.c + at.dc @ step
+        broken = np.flatnonzero((ahead > 1e-12) & ~held & ~violated)
+        if len(broken):
+            held[broken[np.argmax(ahead[broken])]] = True
+        elif len(wrong) and held[rows[np.argmin(prices)]]:
+            held[rows[np.argmin(prices)]] = False
+        else:
+            return step
+    return None
+
+
+def _equality_step(at: Local, bent: np.ndarray, rows: Vector) -> tuple[Vector, Vector]:
+    """Newton's step with the limits `rows` met, and their multipliers.
+
+    By least squares, since several limits may say the same.
+    """
+    a, n = at.dc[rows], len(at.x)
+    system = np.block([[bent, a.T], [a, np.zeros((len(rows), len(rows)))]])
+    found = np.linalg.lstsq(system, -np.concatenate([at.df, at.c[rows]]), rcond=1e-13)[0]
+    return found[:n], found[n:]
+
+
+def _shortened(at: Local, step: Vector, residual: float, look: Look) -> Local | None:
+    size = min(1.0, 0.1 / max(float(np.max(np.abs(step))), 1e-30))
+    for _ in range(6):
+        moved = look(at.x + size * step)
+        if moved is not None and optimality(moved, look, second=False).residual < residual:
+            return moved
+        size /= 2
+    return None
+
+
+def response_to(at: Local, shown: Optimality, look: Look, mixed: np.ndarray, moved: np.ndarray):
+    """Derivatives of an optimum [n, p] with respect to p numbers, by the implicit function theorem.
+
+    `mixed` [n, p] are the derivatives of the Lagrangian's gradient and `moved` [m, p] of the
+    constraints with respect to those numbers, the design held. Valid where the active set stays.
+    Raises `ValueError` where the optimum is not strict.
+    """
+    bent = curvature_matrix(at, shown.multipliers, look)
+    if bent is None or (shown.curvature is not None and shown.curvature <= 0):
+        raise ValueError("the optimum is not strict: it has no derivative")
+    rows = np.flatnonzero(shown.active & (shown.multipliers > BINDING))
+    a, n = at.dc[rows], len(at.x)
+    system = np.block([[bent, a.T], [a, np.zeros((len(rows), len(rows)))]])
+    right = -np.concatenate([mixed, moved[rows]])
+    return np.linalg.lstsq(system, right, rcond=1e-13)[0][:n]

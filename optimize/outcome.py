@@ -1,0 +1,242 @@
+"""What a search came to: the optima, the best design, and the evidence for it."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from beltjax.analysis.steady import SteadyState, steady_state
+from beltjax.drive.components import Drive
+from beltjax.numerics.compilation import quickly_compiled
+from beltjax.results import RESULTS, succeeded
+
+from .conflicts import conflicting, least_violated
+from .optimality import Local, Look, Optimality, optimality, polished
+from .problem import Measured, Scales, Starts, drive_at, measured, values_at
+from .search import FEASIBLE, End, History, Search
+from .study import Study
+
+ACTIVE = 1e-5  # distance from a limit, in its scale, that counts as on it
+SAME = 1e-3  # distance in the unit box below which two starts ended in one optimum
+POLISHED = 4  # of the best optima, moved onto the exact conditions
+
+
+class ConstraintReport(NamedTuple):
+    """One constraint at the final design, SI."""
+
+    quantity: str
+    value: float  # where the quantity has many parts, the one closest to its limit
+    lower: float | None
+    upper: float | None
+    multiplier: float | None  # d(objective)/d(limit), at an optimum
+    active: bool
+    violation: float  # by how much the limit is missed, or 0
+    implied: bool  # not asked for by the study, but by every drive that can be built
+
+
+class StartReport(NamedTuple):
+    """How one start ended."""
+
+    final: float | None  # objective
+    result: str
+
+
+class Optimum(NamedTuple):
+    """A design in which starts ended, with every limit met."""
+
+    values: dict[str, float]  # SI
+    objective: float
+    starts: int  # that ended there
+    residual: float  # of the optimality conditions, scaled
+
+
+class Design(eqx.Module):
+    """The outcome of a study: the best design found and the evidence for it."""
+
+    drive: Drive
+    steady: SteadyState  # at the study's first operating point
+    before: SteadyState  # of the study's own drive
+    values: dict[str, float]  # of the design variables, SI
+    initial: float | None  # objective of the study's own drive; None where that cannot run
+    final: float | None  # None where no design runs
+    constraints: tuple[ConstraintReport, ...]
+    starts: tuple[StartReport, ...]
+    optima: tuple[Optimum, ...]  # best first
+    optimality: Optimality | None  # of the design; None where it is no optimum
+    bounds: dict[str, float]  # active bounds of variables: d(objective)/d(bound)
+    conflicts: tuple[str, ...]  # limits that cannot be met together
+    scales: dict[str, float]  # what objective and constrained quantities were measured in
+    history: History
+    result: RESULTS
+
+    @property
+    def success(self) -> bool:
+        """Whether an optimum was reached that meets all constraints."""
+        return bool(succeeded(self.result))
+
+
+class _Basin(NamedTuple):
+    """An optimum in the unit box, and how many starts ended there."""
+
+    at: Local
+    starts: int
+
+
+def _basins(ends: list[End], look: Look) -> list[_Basin]:
+    """The distinct optima, best first; the best few moved onto the exact conditions."""
+    groups: list[list[End]] = []
+    for end in sorted((e for e in ends if e.feasible and e.converged), key=lambda e: e.objective):
+        near = (g for g in groups if np.max(np.abs(g[0].x - end.x)) < SAME)
+        group = next(near, None)
+        if group is None:
+            groups.append([end])
+        else:
+            group.append(end)
+    found = []
+    for i, group in enumerate(groups):
+        at = look(group[0].x)
+        if at is not None:
+            found.append(_Basin(polished(at, look) if i < POLISHED else at, len(group)))
+    return sorted(found, key=lambda basin: basin.at.f)
+
+
+def report(
+    study: Study, asked: int, begin: Starts, rows: np.ndarray, look: Look, found: Search
+) -> Design:
+    """The design that a search found; `asked` constraints are the study's own."""
+    size = float(begin.scales.objective)
+    basins = _basins(found.ends, look)
+    result, x = _outcome(found, basins)
+    evidence, conflicts = None, ()
+    at = look(x)
+    names = _row_names(study, begin.parts, rows)
+    if result == RESULTS.successful and at is not None:
+        evidence = optimality(at, look)
+    elif result == RESULTS.constraints_infeasible and at is not None:
+        at = least_violated(at, look)
+        x, conflicts = at.x, conflicting(at, names)
+    full = np.zeros(2 * sum(begin.parts))
+    if evidence is not None:
+        full[rows] = evidence.multipliers[: len(rows)]
+    drive = drive_at(study, jnp.asarray(x))
+    steady, shown = _run(study, drive)
+    own, initial = _run(study, study.drive)
+    prices = full * size if evidence is not None else None
+    return Design(
+        drive=drive,
+        steady=steady,
+        before=own,
+        values=values_at(study, x),
+        initial=float(initial.worst) if initial.found else None,
+        final=float(shown.worst) if shown.found else None,
+        constraints=_constraint_reports(study, asked, begin.scales, shown, prices),
+        starts=tuple(
+            StartReport(e.objective * size if e.valid else None, e.ending) for e in found.ends
+        ),
+        optima=_optima(study, size, basins, look),
+        optimality=evidence,
+        bounds=_bound_prices(study, evidence, size),
+        conflicts=conflicts,
+        scales=_named_scales(study, begin.scales),
+        history=found.history._replace(objective=found.history.objective * size),
+        result=result,
+    )
+
+
+def _outcome(found: Search, basins: list[_Basin]) -> tuple[RESULTS, np.ndarray]:
+    """What the search came to, and its best design."""
+    if basins:
+        return RESULTS.successful, basins[0].at.x
+    late = RESULTS.optimum_not_reached if found.in_time else RESULTS.time_limit_reached
+    feasible = [end for end in found.ends if end.feasible]
+    if feasible:
+        return late, min(feasible, key=lambda end: end.objective).x
+    valid = [end for end in found.ends if end.valid]
+    if valid:
+        missed = RESULTS.constraints_infeasible if found.in_time else RESULTS.time_limit_reached
+        return missed, min(valid, key=lambda end: end.violation).x
+    if not found.in_time:
+        return RESULTS.time_limit_reached, found.ends[0].x
+    return RESULTS.no_starting_design, found.ends[0].x
+
+
+def _optima(study, size: float, basins: list[_Basin], look: Look) -> tuple[Optimum, ...]:
+    return tuple(
+        Optimum(
+            values_at(study, basin.at.x),
+            basin.at.f * size,
+            basin.starts,
+            optimality(basin.at, look, second=False).residual,
+        )
+        for basin in basins
+    )
+
+
+def _row_names(study: Study, parts: list[int], rows: np.ndarray) -> list[str]:
+    """What each of the problem's rows limits, bounds of variables last."""
+    every = [
+        f"{name} {side}"
+        for name, n in zip(study.constraints.names, parts, strict=True)
+        for side in ("lower", "upper")
+        for _ in range(n)
+    ]
+    ends = [f"{name} {side}" for side in ("lower", "upper") for name in study.variables.names]
+    return [every[row] for row in rows] + ends
+
+
+def _bound_prices(study: Study, evidence: Optimality | None, size: float) -> dict[str, float]:
+    """d(objective)/d(bound) of the bounds that hold the optimum back."""
+    if evidence is None:
+        return {}
+    n = len(study.variables.names)
+    span = np.asarray(study.variables.upper - study.variables.lower)
+    low, high = np.split(evidence.multipliers[-2 * n :] * size, 2)
+    held = {f"{name} lower": p for name, p in zip(study.variables.names, low / span, strict=True)}
+    held |= {
+        f"{name} upper": -p for name, p in zip(study.variables.names, high / span, strict=True)
+    }
+    return {name: float(price) for name, price in held.items() if price}
+
+
+def _named_scales(study: Study, scales: Scales) -> dict[str, float]:
+    named = dict(zip(study.constraints.names, np.asarray(scales.constraints), strict=True))
+    return {"objective": float(scales.objective)} | {k: float(v) for k, v in named.items()}
+
+
+def _run(study: Study, drive: Drive) -> tuple[SteadyState, Measured]:
+    return jax.device_get(quickly_compiled(_run_one)(study, drive))
+
+
+def _run_one(study: Study, drive: Drive):
+    return steady_state(drive, study.point, throw=False), measured(study, drive)
+
+
+def _constraint_reports(
+    study: Study, asked: int, scales: Scales, shown: Measured, prices: np.ndarray | None
+) -> tuple[ConstraintReport, ...]:
+    reports, place = [], 0
+    for i, name in enumerate(study.constraints.names):
+        values = shown.parts[i]
+        low, high = float(study.constraints.lower[i]), float(study.constraints.upper[i])
+        scale, parts = float(scales.constraints[i]), len(values)
+        price = None
+        if prices is not None:
+            of_lower, of_upper = np.split(prices[place : place + 2 * parts], 2)
+            price = float(of_lower.sum() - of_upper.sum()) / scale
+        place += 2 * parts
+        gap_low, gap_high = float(values.min()) - low, high - float(values.max())
+        reports.append(
+            ConstraintReport(
+                quantity=name,
+                value=float(values.min() if gap_low <= gap_high else values.max()),
+                lower=low if np.isfinite(low) else None,
+                upper=high if np.isfinite(high) else None,
+                multiplier=price,
+                active=bool(min(gap_low, gap_high) <= ACTIVE * scale),
+                violation=max(0.0, -min(gap_low, gap_high) - FEASIBLE * scale),
+                implied=i >= asked,
+            )
+        )
+    return tuple(reports)

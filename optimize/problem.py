@@ -1,0 +1,202 @@
+"""A study as a scaled problem in the unit box: minimize f(x) subject to g(x) <= 0, 0 <= x <= 1."""
+
+import math
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+from scipy.stats import qmc
+
+from beltjax.analysis.steady import steady_state
+from beltjax.drive.components import Drive
+from beltjax.drive.variables import value_of, with_values
+from beltjax.numerics.compilation import quickly_compiled
+
+from .lagrangian import Evaluation
+from .quantities import Answers, quantity
+from .study import Limits, Study, split_name
+
+CANDIDATES = 8  # random designs drawn for each start; the first ones that run are used
+# What every drive that can be built must meet, whether the study asks for it or not, a little
+# inside the edges beyond which there is no drive to evaluate: quantity, least, greatest.
+IMPLIED = {
+    "clearance": (0.0, np.inf),
+    "wraps": (np.radians(1.0), np.radians(268.0)),
+    "tightness": (0.01, np.inf),
+}
+
+Unit = Float[Array, " variables"]
+
+
+class Scales(NamedTuple):
+    """What the optimizer measures the objective and the constrained quantities in."""
+
+    objective: Float[Array, ""]
+    constraints: Float[Array, " constraints"]
+
+
+class Measured(NamedTuple):
+    """A design's objective and the parts of each constrained quantity, SI."""
+
+    objective: Float[Array, ""]  # smooth
+    worst: Float[Array, ""]  # the same with the true maximum over the operating points
+    parts: list[Array]
+    found: Bool[Array, ""]  # whether all analyses have answers
+
+
+class Slopes(NamedTuple):
+    """An `Evaluation` and its derivatives, of the constraints that have a limit."""
+
+    objective: Float[Array, ""]
+    constraints: Float[Array, " rows"]
+    of_objective: Unit
+    of_constraints: Float[Array, "rows variables"]
+    valid: Bool[Array, ""]
+
+
+def drive_at(study: Study, x: Unit) -> Drive:
+    """The design at `x` in the unit box."""
+    bounds = study.variables
+    values = bounds.lower + x * (bounds.upper - bounds.lower)
+    return with_values(study.drive, dict(zip(bounds.names, values, strict=True)))
+
+
+def in_box(study: Study, values: dict[str, float]) -> np.ndarray:
+    """Place in the unit box of named values (SI), moved inside where they are not."""
+    lower, upper = np.asarray(study.variables.lower), np.asarray(study.variables.upper)
+    own = np.array([values[name] for name in study.variables.names])
+    return np.clip((own - lower) / (upper - lower), 0.0, 1.0)
+
+
+def own_values(study: Study) -> dict[str, float]:
+    """The design variables of the study's own drive (SI)."""
+    return {name: float(value_of(study.drive, name)) for name in study.variables.names}
+
+
+def values_at(study: Study, x: Array | np.ndarray) -> dict[str, float]:
+    """The design variables at `x` in the unit box (SI)."""
+    bounds = study.variables
+    values = np.asarray(bounds.lower + x * (bounds.upper - bounds.lower))
+    return dict(zip(bounds.names, map(float, values), strict=True))
+
+
+def with_implied_constraints(study: Study) -> Study:
+    """`study`, with what every drive that can be built must meet added to its constraints."""
+    given = study.constraints
+    names = tuple(name for name in IMPLIED if name not in given.names)
+    lower = jnp.concatenate([given.lower, jnp.array([IMPLIED[name][0] for name in names])])
+    upper = jnp.concatenate([given.upper, jnp.array([IMPLIED[name][1] for name in names])])
+    return eqx.tree_at(lambda s: s.constraints, study, Limits(given.names + names, lower, upper))
+
+
+def measured(study: Study, drive: Drive) -> Measured:
+    """What a study asks of a drive, at all of its operating points."""
+    cases = study.operating
+    names = sorted({split_name(name)[0] for name in (*study.objective, *study.constraints.names)})
+
+    def at(point):
+        answers = Answers(drive, point, steady_state(drive, point, throw=False))
+        values = {name: quantity(name, drive).measure(answers) for name in names}
+        return values, answers.found()
+
+    values, found = jax.vmap(at)(cases.points)
+
+    def of(name):
+        base, where = split_name(name)
+        return values[base][np.array(cases.places(where))].ravel()
+
+    terms = [w * of(name) for w, name in zip(study.weights, study.objective, strict=True)]
+    smooth = sum((soft_maximum(term, study.sharpness) for term in terms), jnp.zeros(()))
+    worst = sum((jnp.max(term) for term in terms), jnp.zeros(()))
+    return Measured(smooth, worst, [of(name) for name in study.constraints.names], jnp.all(found))
+
+
+def soft_maximum(values: Float[Array, " k"], sharpness: float) -> Float[Array, ""]:
+    """A smooth largest value, too high by at most ln(k)/sharpness of the values' mean size."""
+    if len(values) == 1:
+        return values[0]
+    square = jnp.mean(values**2)
+    size = jnp.sqrt(jnp.where(square > 0, square, 1.0))
+    return size / sharpness * jax.nn.logsumexp(sharpness * values / size)
+
+
+def evaluation(study: Study, scales: Scales, x: Unit) -> Evaluation:
+    """Scaled objective and constraints of the design at `x`; a missing limit gives -inf."""
+    at = measured(study, drive_at(study, x))
+    limits, parts = study.constraints, []
+    for value, low, high, scale in zip(
+        at.parts, limits.lower, limits.upper, scales.constraints, strict=True
+    ):
+        parts += [(low - value) / scale, (value - high) / scale]
+    return Evaluation(at.objective / scales.objective, jnp.concatenate(parts), at.found)
+
+
+def limited_rows(study: Study, parts: list[int]) -> np.ndarray:
+    """Places of an `Evaluation`'s constraints that have a limit; `parts` of each quantity."""
+    sides = [np.isfinite(np.asarray(side)) for side in (study.constraints.lower,
+                                                        study.constraints.upper)]  # fmt: skip
+    finite = [np.repeat(side[i], n) for i, n in enumerate(parts) for side in sides]
+    return np.flatnonzero(np.concatenate(finite))
+
+
+def slopes(study: Study, scales: Scales, rows: Array, x: Unit) -> Slopes:
+    """Exact first derivatives of the problem at one design, of its constraints at `rows`."""
+    return quickly_compiled(_slopes)(study, scales, rows, x)
+
+
+def _slopes(study: Study, scales: Scales, rows: Array, x: Unit) -> Slopes:
+    def packed(x):
+        at = evaluation(study, scales, x)
+        return jnp.append(at.constraints[rows], at.objective), at.valid
+
+    # Forward: a design has fewer variables than limits.
+    def push(direction):
+        value, slope, valid = jax.jvp(packed, (x,), (direction,), has_aux=True)
+        return value, slope, valid
+
+    value, slope, valid = jax.vmap(push, out_axes=(None, -1, None))(jnp.eye(len(x)))
+    return Slopes(value[-1], value[:-1], slope[-1], slope[:-1], valid)
+
+
+class Starts(NamedTuple):
+    """Where the searches begin, and what the designs seen on the way say of the problem's size."""
+
+    points: Float[Array, "starts variables"]
+    scales: Scales
+    parts: list[int]  # of each constrained quantity
+
+
+def starting_points(study: Study, warm: tuple[dict[str, float], ...] = ()) -> Starts:
+    """Points of the unit box to start from, and scales.
+
+    The `warm` ones come first, then the study's own drive, then quasi-random designs; of all,
+    those that run before those that do not. Scales are the ranges over the box, as the
+    quasi-random designs show them.
+    """
+    own = [in_box(study, values) for values in (*warm, own_values(study))]
+    sampler = qmc.Sobol(len(own[0]), rng=study.seed)
+    count = CANDIDATES * study.starts
+    drawn = sampler.random_base2(math.ceil(math.log2(count)))[:count]
+    points = np.concatenate([own, drawn])
+    found = jax.device_get(quickly_compiled(_survey)(study, jnp.asarray(points)))
+    valid = found.found
+    # Stable: the study's own drive stays first if it runs, and shapes stay the same if few do.
+    order = np.argsort(~valid, kind="stable")[: study.starts]
+    ranges = jnp.stack([_spread(part[valid]) for part in found.parts])
+    scales = Scales(_spread(found.objective[valid]), ranges)
+    return Starts(jnp.asarray(points[order]), scales, [part.shape[1] for part in found.parts])
+
+
+def _spread(values: np.ndarray) -> Float[Array, ""]:
+    """How far a quantity (or the part of it that moves most) ranges over most of the designs."""
+    if not len(values):
+        return jnp.ones(())
+    low, high = np.quantile(values, [0.1, 0.9], axis=0)
+    return jnp.asarray(max(np.max(high - low), 1e-3 * np.max(np.abs(values)), 1e-12))
+
+
+def _survey(study: Study, points) -> Measured:
+    return jax.vmap(lambda x: measured(study, drive_at(study, x)))(points)

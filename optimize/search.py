@@ -1,0 +1,194 @@
+"""The search for optima: from every starting point to where it ends."""
+
+import functools
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from beltjax.numerics.compilation import quickly_compiled
+
+from .checkpoint import Checkpoint
+from .lagrangian import Iterate, first_iterate, outer_step, to_unit
+from .optimality import Local, Look
+from .problem import Scales, Starts, evaluation, slopes
+from .solvers import solve
+from .study import Study
+
+Advance = Callable[[str, int, int | None], None]
+
+OUTER_STEPS = 30
+FEW = 256  # starts up to which compiling quickly beats running quickly
+FEASIBLE = 1e-6  # violation, in a constraint's scale, that counts as none
+
+
+class History(NamedTuple):
+    """Every iteration of every start; nan after a start's last."""
+
+    objective: np.ndarray  # [iterations, starts], as the optimizer sees it
+    violation: np.ndarray  # [iterations, starts], scaled
+
+
+class End(NamedTuple):
+    """Where one start ended, in the unit box; objective and violation scaled."""
+
+    x: np.ndarray
+    objective: float
+    violation: float
+    valid: bool
+    converged: bool
+
+    @property
+    def feasible(self) -> bool:
+        """Whether the design runs and meets every limit."""
+        return self.valid and self.violation <= FEASIBLE
+
+    @property
+    def ending(self) -> str:
+        """How the start ended, in words."""
+        if not self.valid:
+            return "no drive that runs"
+        if not self.feasible:
+            return "infeasible"
+        return "optimal" if self.converged else "not converged"
+
+
+class Search(NamedTuple):
+    """Where all starts ended, and how they got there."""
+
+    ends: list[End]
+    history: History
+    in_time: bool
+
+
+class Means(NamedTuple):
+    """What a search works with."""
+
+    look: Look
+    advance: Advance
+    deadline: float | None  # of time.monotonic()
+    checkpoint: Checkpoint | None
+
+    @property
+    def in_time(self) -> bool:
+        """Whether there is time left."""
+        return self.deadline is None or time.monotonic() < self.deadline
+
+
+def looking(study: Study, scales: Scales, rows: np.ndarray) -> Look:
+    """The problem's values and exact derivatives at a design, for optimizers on the host."""
+
+    @functools.lru_cache(maxsize=64)
+    def at(key: bytes) -> Local | None:
+        x = np.frombuffer(key)
+        found = jax.device_get(slopes(study, scales, jnp.asarray(rows), jnp.asarray(x)))
+        numbers = (found.objective, *found[1:4])
+        if not found.valid or not all(np.isfinite(part).all() for part in numbers):
+            return None
+        eye = np.eye(len(x))
+        return Local(
+            x=x,
+            f=float(found.objective),
+            c=np.concatenate([found.constraints, -x, x - 1]),
+            df=found.of_objective,
+            dc=np.concatenate([found.of_constraints, -eye, eye]),
+        )
+
+    return lambda x: at(np.asarray(x, float).tobytes())
+
+
+def search(study: Study, begin: Starts, means: Means) -> Search:
+    """Search by the study's method."""
+    batched = study.method == "augmented-lagrangian"
+    return (_by_lagrangian if batched else _by_solver)(study, begin, means)
+
+
+def _by_lagrangian(study: Study, begin: Starts, means: Means) -> Search:
+    """All starts as one batch; every outer iteration can be the last or the first of a run."""
+    states = jax.vmap(lambda x: first_iterate(x, 2 * sum(begin.parts)))(begin.points)
+    objective, violation, first = [], [], 1
+    if means.checkpoint is not None and (saved := means.checkpoint.load()) is not None:
+        states = Iterate(*(jnp.asarray(saved[field]) for field in Iterate._fields))
+        objective, violation = list(saved["path_objective"]), list(saved["path_violation"])
+        first = len(objective) + 1
+    step = quickly_compiled(_step) if study.starts <= FEW else eqx.filter_jit(_step)
+    in_time = True
+    for done in range(first, OUTER_STEPS + 1):
+        if bool(jnp.all(states.stopped)):
+            break
+        in_time = means.in_time
+        if not in_time:
+            break
+        states = step(study, begin.scales, states)
+        objective.append(np.asarray(states.objective))
+        violation.append(np.asarray(states.violation))
+        if means.checkpoint is not None:
+            path = {"path_objective": objective, "path_violation": violation}
+            means.checkpoint.save(**states._asdict(), **path)
+        means.advance(
+            f"{int(jnp.sum(states.done))} of {len(begin.points)} converged", done, OUTER_STEPS
+        )
+    host = jax.device_get(states)
+    points = np.asarray(to_unit(host.z))
+    ends = [End(*end) for end in zip(points, host.objective, host.violation, host.valid,
+                                      host.done, strict=True)]  # fmt: skip
+    shape = (-1, len(points))
+    history = History(np.reshape(objective, shape), np.reshape(violation, shape))
+    return Search(ends, history, in_time)
+
+
+def _step(study: Study, scales: Scales, states: Iterate) -> Iterate:
+    return jax.vmap(lambda s: outer_step(lambda x: evaluation(study, scales, x), s))(states)
+
+
+def _by_solver(study: Study, begin: Starts, means: Means) -> Search:
+    """One start after the other, by an optimizer of another library."""
+    ends: list[End] = []
+    paths: list[np.ndarray] = []
+    saved = None if means.checkpoint is None else means.checkpoint.load()
+    if saved is not None:
+        columns = (saved[field] for field in End._fields)
+        ends = [End(*end) for end in zip(*columns, strict=True)]
+        paths = [path[np.isfinite(path[:, 0])] for path in saved["paths"]]
+    in_time = True
+    for x in np.asarray(begin.points)[len(ends) :]:
+        in_time = means.in_time
+        if not in_time:
+            break
+        end, path = _solved(study.method, means, x)
+        ends.append(end)
+        paths.append(path)
+        if means.checkpoint is not None:
+            columns = zip(*ends, strict=True)
+            means.checkpoint.save(
+                **dict(zip(End._fields, columns, strict=True)), paths=_padded(paths)
+            )
+        means.advance(f"{sum(e.converged for e in ends)} converged", len(ends), len(begin.points))
+    stacked = _padded(paths)
+    return Search(ends, History(stacked[..., 0].T, stacked[..., 1].T), in_time)
+
+
+def _solved(method: str, means: Means, x: np.ndarray) -> tuple[End, np.ndarray]:
+    """One start's end, judged at that design, and its path [iterations, 2]."""
+    start = means.look(x)
+    if start is None:
+        return End(x, np.inf, np.inf, False, False), np.full((1, 2), np.nan)
+    ended = solve(method, means.look, start, means.deadline)
+    at = means.look(ended.x)
+    path = np.array(ended.path).reshape(-1, 2)
+    if at is None:
+        return End(ended.x, np.inf, np.inf, False, False), path
+    violation = float(np.max(np.maximum(at.c, 0.0)))
+    return End(ended.x, at.f, violation, True, ended.converged), path
+
+
+def _padded(paths: list[np.ndarray]) -> np.ndarray:
+    """Paths of unequal length as one array [starts, iterations, 2], nan after each one's end."""
+    out = np.full((len(paths), max(map(len, paths), default=0), 2), np.nan)
+    for row, path in zip(out, paths, strict=True):
+        row[: len(path)] = path
+    return out
