@@ -18,6 +18,7 @@ import click
 
 INVALID, FAILED, INTERRUPTED = 1, 2, 130
 PICTURES = (".png", ".pdf", ".svg")
+METHODS = ("augmented-lagrangian", "slsqp", "trust-constr", "ipopt")
 
 _json_option = click.option(
     "--json", "json_path", metavar="FILE", help="Write one JSON object; '-' for standard output."
@@ -52,19 +53,23 @@ def analyze(drive_file: str, json_path: str | None, figure: str | None) -> None:
 @click.argument("study_file", metavar="STUDY.toml")
 @_json_option
 @click.option("--figure", metavar="FILE", help="Picture of the layout before and after.")
-@click.option("--save-drive", metavar="FILE", help="Write the optimized drive as a drive file.")
-def optimize(
-    study_file: str, json_path: str | None, figure: str | None, save_drive: str | None
-) -> None:
+@click.option("--out", "--save-drive", "drive", metavar="DRIVE.toml", help="Optimized drive.")
+@click.option("--report", "page", metavar="FILE.html", help="Report that opens in a browser.")
+@click.option("--method", type=click.Choice(METHODS), help="In place of the study's.")
+@click.option("--time-limit", type=click.FloatRange(0, min_open=True), help="In seconds.")
+@click.option("--checkpoint", metavar="FILE", help="Keep the search's state; go on from it.")
+@click.option("--warm", metavar="FILE.json", help="Also start from the design of an earlier run.")
+def optimize(study_file: str, json_path: str | None, figure: str | None, **given: Any) -> None:
     """The design that minimizes an objective under constraints."""
     figure = figure or f"{Path(study_file).stem}_layout.png"
-    _check_outputs(study_file, json_path, figure, save_drive)
+    outputs = (given[name] for name in ("drive", "page", "checkpoint"))
+    _check_outputs(study_file, json_path, figure, *outputs)
     _check_picture(figure)
     _prepare_jax()
     with _progress() as advance:
-        from beltjax.report.jobs import study_job
+        from beltjax.report.jobs import StudyRequest, study_job
 
-        report = study_job(study_file, figure, save_drive, advance)
+        report = study_job(study_file, StudyRequest(figure, **given), advance)
     _finish(report, json_path)
 
 

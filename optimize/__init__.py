@@ -13,6 +13,10 @@ from .outcome import ConstraintReport as ConstraintReport
 from .outcome import Design as Design
 from .outcome import Optimum as Optimum
 from .outcome import StartReport as StartReport
+from .postoptimal import PostOptimal as PostOptimal
+from .postoptimal import fixed_numbers as fixed_numbers
+from .postoptimal import number_value as number_value
+from .postoptimal import post_optimal as post_optimal
 from .quantities import Answers as Answers
 from .quantities import quantity as quantity
 from .search import History as History

@@ -134,6 +134,12 @@ def evaluation(study: Study, scales: Scales, x: Unit) -> Evaluation:
     return Evaluation(at.objective / scales.objective, jnp.concatenate(parts), at.found)
 
 
+def part_counts(study: Study) -> list[int]:
+    """How many parts each constrained quantity has."""
+    shapes = eqx.filter_eval_shape(measured, study, study.drive)
+    return [part.shape[0] for part in shapes.parts]
+
+
 def limited_rows(study: Study, parts: list[int]) -> np.ndarray:
     """Places of an `Evaluation`'s constraints that have a limit; `parts` of each quantity."""
     sides = [np.isfinite(np.asarray(side)) for side in (study.constraints.lower,

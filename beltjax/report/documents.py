@@ -132,7 +132,21 @@ def design_document(design: Any) -> dict[str, Any]:
         "implied_constraints": [_constraint(constraint) for constraint in implied],
         "success": design.success,
         "starts": [{"final": start.final, "result": start.result} for start in design.starts],
+        "active_bounds": design.bounds,
+        "conflicts": list(design.conflicts),
+        "optimality": _optimality(design.optimality),
+        "optima": [optimum._asdict() for optimum in design.optima],
+        "scales": design.scales,
+        "history": {name: plain(path) for name, path in design.history._asdict().items()},
     }
+
+
+def _optimality(shown: Any) -> dict[str, Any] | None:
+    """How well the conditions of an optimum are met, in the scaled problem."""
+    if shown is None:
+        return None
+    keys = ("residual", "stationarity", "violation", "complementarity", "curvature")
+    return {key: getattr(shown, key) for key in keys}
 
 
 def _constraint(constraint: Any) -> dict[str, Any]:

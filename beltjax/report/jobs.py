@@ -1,8 +1,11 @@
 """What each command of the command line does, from a file to its report."""
 
+import dataclasses
 import importlib
+import json
 import os
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -55,13 +58,24 @@ def analysis_job(path: str | os.PathLike[str], figure: str | None = None) -> Rep
     return Report(document, tables, failure, files)
 
 
+class StudyRequest(NamedTuple):
+    """What `beltjax optimize` was given beside the study; None: nothing, or the study's."""
+
+    figure: str
+    drive: str | None = None  # where to write the optimized drive
+    page: str | None = None  # where to write the HTML report
+    method: str | None = None
+    time_limit: float | None = None  # [s]
+    checkpoint: str | None = None
+    warm: str | None = None  # the JSON of an earlier run
+
+
 def study_job(
     path: str | os.PathLike[str],
-    figure: str,
-    drive_path: str | None,
+    given: StudyRequest,
     advance: Callable[[str, int, int | None], None],
 ) -> Report:
-    """Run one study, with the picture of the layout and, if asked, the optimized drive.
+    """Run one study, with the picture of the layout and what else was asked for.
 
     Raises `FileError` for a study that cannot be posed; a study without a solution is a report
     whose `failure` says which limit is missed and by how much.
@@ -69,8 +83,12 @@ def study_job(
     # Both are slow to load, and `analyze` needs neither.
     optimize = importlib.import_module("beltjax.optimize")
     figures = importlib.import_module("beltjax.report.figures")
-    study = optimize.load_study(path)
-    design = optimize.minimize(study, advance)
+    study = _changed(optimize.load_study(path), given)
+    warm = () if given.warm is None else (_warm_start(given.warm, study.variables.names),)
+    try:
+        design = optimize.minimize(study, advance, warm=warm, checkpoint=given.checkpoint)
+    except ValueError as error:
+        raise FileError("--checkpoint", "", str(error)) from error
     document = design_document(design)
     before = {
         name: (float(optimize.value_of(study.drive, name)), optimize.unit_of(name))
@@ -81,11 +99,34 @@ def study_job(
         (design.drive, design.steady.reference.layout),
         f"{study.drive.name}: objective {_text(design.initial)} to {_text(design.final)}",
     )
-    files = [(figure, figures.picture_bytes(picture, figure))]
-    if drive_path and design.success:
-        files.append((drive_path, drive_bytes(design.drive, study.point)))
+    files = [(given.figure, figures.picture_bytes(picture, given.figure))]
+    if given.drive and design.success:
+        files.append((given.drive, drive_bytes(design.drive, study.point)))
+    if given.page:
+        page = importlib.import_module("beltjax.report.page")
+        files.append((given.page, page.study_page(study, design, document, before)))
     failure = "" if design.success else str(FileError(path, *_missed(design)))
     return Report(document, design_tables(document, before), failure, tuple(files))
+
+
+def _changed(study: Any, given: StudyRequest) -> Any:
+    """`study` with the method and the time limit that the command names."""
+    changes = {"method": given.method, "time_limit": given.time_limit}
+    changes = {name: value for name, value in changes.items() if value is not None}
+    return dataclasses.replace(study, **changes)
+
+
+def _warm_start(path: str, names: tuple[str, ...]) -> dict[str, float]:
+    """The design of an earlier run's JSON; raises `FileError` where there is none."""
+    try:
+        design = json.loads(Path(path).read_text())["design"]
+        return {name: float(design[name]) for name in names}
+    except OSError as error:
+        raise FileError(path, "", f"cannot be read ({error.strerror})") from error
+    except (ValueError, TypeError, KeyError) as error:
+        raise FileError(
+            path, "design", f"has no number for {error}; give the JSON of a run of this study"
+        ) from error
 
 
 def _text(objective: float | None) -> str:
@@ -97,6 +138,8 @@ def _missed(design: Any) -> tuple[str, str]:
     missed = [constraint for constraint in design.constraints if constraint.violation]
     if design.result == RESULTS.no_starting_design:
         return "variable", explanation(design.result)
+    if design.result == RESULTS.time_limit_reached:
+        return "optimizer.time_limit", explanation(design.result)
     if design.result != RESULTS.constraints_infeasible or not missed:
         return "optimizer.starts", explanation(design.result)
     parts = []

@@ -1,13 +1,16 @@
 """Readable tables of results, for a terminal or a file."""
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 from rich.console import Group
 from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 _LARGEST_SENSITIVITIES = 8
+_FEW_OPTIMA = 4
 
 
 def analysis_tables(document: dict[str, Any], sizes: dict[str, Any]) -> Group:
@@ -106,9 +109,33 @@ def design_tables(document: dict[str, Any], before: dict[str, tuple[float, str]]
 
     `before` holds each variable's value in the study's own drive, and its unit.
     """
-    return Group(
-        _design_table(document, before), _constraint_table(document), _start_table(document)
-    )
+    shown = [_design_table(document, before), _constraint_table(document), _start_table(document)]
+    if len(document["optima"]) > 1:
+        shown.append(_optima_table(document))
+    return Group(*shown, *map(Text, _optimality_lines(document)))
+
+
+def _optima_table(document: dict[str, Any]) -> Table:
+    """The best designs in which starts ended: what differs between them."""
+    best = document["optima"][:_FEW_OPTIMA]
+    table = plain_table("Optima (SI, rad)", "variable", *(str(i + 1) for i in range(len(best))))
+    for name in best[0]["values"]:
+        table.add_row(escape(name), *(f"{optimum['values'][name]:.6g}" for optimum in best))
+    table.add_row("starts", *(str(optimum["starts"]) for optimum in best))
+    table.add_row("objective", *(f"{o['objective']:.6g}" for o in best), style="bold")
+    return table
+
+
+def _optimality_lines(document: dict[str, Any]) -> Iterator[str]:
+    shown = document["optimality"]
+    for name, price in document["active_bounds"].items():
+        yield f"at its bound: {name} (price {price:+.4g})"
+    if document["conflicts"]:
+        yield f"cannot be met together: {'; '.join(document['conflicts'])}"
+    if shown is not None:
+        bent = shown["curvature"]
+        second = "; limits leave nothing free" if bent is None else f"; least curvature {bent:.2g}"
+        yield f"optimality: residual {shown['residual']:.1e} of the scaled conditions{second}"
 
 
 def _design_table(document: dict[str, Any], before: dict[str, tuple[float, str]]) -> Table:
