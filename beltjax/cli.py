@@ -74,6 +74,23 @@ def optimize(study_file: str, json_path: str | None, figure: str | None, **given
 
 
 @cli.command()
+@click.argument("study_file", metavar="STUDY.toml")
+@click.option("--points", type=click.IntRange(2, 200), help="Limits along each objective.")
+@_json_option
+@_figure_option
+def pareto(study_file: str, points: int | None, json_path: str | None, figure: str | None) -> None:
+    """Designs of which none is better than another in all of a study's [pareto] objectives."""
+    _check_outputs(study_file, json_path, figure)
+    _check_picture(figure)
+    _prepare_jax()
+    with _progress() as advance:
+        from beltjax.report.front import front_job
+
+        report = front_job(study_file, points, figure, advance)
+    _finish(report, json_path)
+
+
+@cli.command()
 @click.argument("drive_file", metavar="DRIVE.toml")
 @click.option("--over", required=True, metavar="NAME=FROM:TO:POINTS", help="Number and range.")
 @click.option("--count", default=8, show_default=True, help="How many modes.")

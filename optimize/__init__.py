@@ -6,6 +6,8 @@ from beltjax.drive.variables import variable_names as variable_names
 from beltjax.drive.variables import with_values as with_values
 
 from . import lagrangian as lagrangian
+from .choices import Chosen as Chosen
+from .choices import enumerated as enumerated
 from .design import minimize as minimize
 from .files import load_study as load_study
 from .optimality import Optimality as Optimality
@@ -13,6 +15,9 @@ from .outcome import ConstraintReport as ConstraintReport
 from .outcome import Design as Design
 from .outcome import Optimum as Optimum
 from .outcome import StartReport as StartReport
+from .pareto import Front as Front
+from .pareto import FrontPoint as FrontPoint
+from .pareto import pareto as pareto
 from .postoptimal import PostOptimal as PostOptimal
 from .postoptimal import fixed_numbers as fixed_numbers
 from .postoptimal import number_value as number_value
@@ -21,5 +26,7 @@ from .quantities import Answers as Answers
 from .quantities import quantity as quantity
 from .search import History as History
 from .study import Cases as Cases
+from .study import Choice as Choice
 from .study import Limits as Limits
+from .study import Option as Option
 from .study import Study as Study

@@ -1,6 +1,5 @@
 """Study files: a TOML file and the study that it describes."""
 
-import dataclasses
 import math
 import os
 from pathlib import Path
@@ -8,19 +7,18 @@ from typing import Annotated, Any, Literal
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from pydantic import Field
 
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.files import load_drive
+from beltjax.drive.numbers import require_number, unit_of_number
 from beltjax.drive.quantities import Table, read_toml, to_si, validated
 from beltjax.drive.variables import unit_of, variable_names
 from beltjax.errors import FileError
 
+from .points import PointTable, SiOrText, number_of, read_cases
 from .quantities import is_many
-from .study import Cases, Limits, Study, require_quantity, split_name
-
-SiOrText = float | int | str
+from .study import Choice, Limits, Option, Study, require_quantity, split_name
 
 
 class VariableTable(Table):
@@ -45,21 +43,18 @@ class ObjectiveTable(Table):
     minimize: str | dict[str, float | int]
 
 
-class RangeTable(Table):
-    """A range of speeds: so many operating points, equally spaced."""
-
-    lower: Annotated[SiOrText, Field(alias="from")]
-    upper: Annotated[SiOrText, Field(alias="to")]
-    points: Annotated[int, Field(ge=2, le=1000)]
-
-
-class PointTable(Table):
-    """[[point]]; what it leaves out is the drive file's."""
+class ChoiceTable(Table):
+    """[[choice]]; an option is a label and numbers of the drive by their keys."""
 
     name: str
-    belt_speed: SiOrText | RangeTable | None = None
-    driver_speed: SiOrText | RangeTable | None = None
-    torque: dict[str, SiOrText] | None = None
+    option: Annotated[list[dict[str, SiOrText]], Field(min_length=1)]
+
+
+class ParetoTable(Table):
+    """[pareto]."""
+
+    objectives: Annotated[list[str], Field(min_length=2, max_length=3)]
+    points: Annotated[int, Field(ge=2, le=200)] = 11
 
 
 class OptimizerTable(Table):
@@ -82,6 +77,8 @@ class StudyTable(Table):
     variable: Annotated[list[VariableTable], Field(min_length=1)]
     constraint: Annotated[list[ConstraintTable], Field(default_factory=list)]
     point: Annotated[list[PointTable], Field(default_factory=list)]
+    choice: Annotated[list[ChoiceTable], Field(default_factory=list)]
+    pareto: ParetoTable | None = None
     optimizer: OptimizerTable = OptimizerTable()
 
 
@@ -108,6 +105,9 @@ def load_study(path: str | os.PathLike[str]) -> Study:
         name=Path(path).stem,
         cases=cases,
         time_limit=_time_limit(file, path),
+        choices=tuple(_choice(table, drive, path) for table in file.choice),
+        pareto=_front(file, drive, point, known, path),
+        pareto_points=file.pareto.points if file.pareto else 11,
         **file.optimizer.model_dump(exclude={"time_limit"}),
     )
 
@@ -116,7 +116,7 @@ def _time_limit(file: StudyTable, path: object) -> float | None:
     given = file.optimizer.time_limit
     if given is None:
         return None
-    seconds = _number(given, "s", path, "optimizer.time_limit")
+    seconds = number_of(given, "s", path, "optimizer.time_limit")
     if not seconds > 0:
         raise FileError(path, "optimizer.time_limit", f"found {given!r}; must be positive")
     return seconds
@@ -191,6 +191,38 @@ def _constraints(
     return Limits(tuple(names), jnp.array(lower), jnp.array(upper))
 
 
+def _choice(table: ChoiceTable, drive: Drive, path: object) -> Choice:
+    key, options = f"choice.{table.name}", []
+    for place, given in enumerate(table.option, start=1):
+        numbers = {name: value for name, value in given.items() if name != "label"}
+        if not numbers:
+            raise FileError(path, key, f"option {place} has no numbers; give some by their keys")
+        for name in numbers:
+            try:
+                require_number(drive, name)
+            except ValueError as error:
+                raise FileError(path, key, str(error)) from error
+            if name.startswith("operation."):
+                raise FileError(path, key, f"{name!r} is no part of the drive; use [[point]]")
+        si = {k: number_of(v, unit_of_number(k), path, f"{key}.{k}") for k, v in numbers.items()}
+        options.append(Option(str(given.get("label", place)), tuple(si.items())))
+    return Choice(table.name, tuple(options))
+
+
+def _front(
+    file: StudyTable, drive: Drive, point: OperatingPoint, cases: tuple[str, ...], path: object
+) -> tuple[str, ...]:
+    if file.pareto is None:
+        return ()
+    key = "pareto.objectives"
+    for name in file.pareto.objectives:
+        bare = name.removeprefix("-")
+        _require_quantity(bare, drive, point, cases, path, key)
+        if is_many(split_name(bare)[0]):
+            raise FileError(path, key, f"{bare!r} is many numbers; constrain it")
+    return tuple(file.pareto.objectives)
+
+
 def _require_quantity(
     name: str,
     drive: Drive,
@@ -211,82 +243,5 @@ def _bounds(table: Any, unit: str, path: object, key: str) -> tuple[float, float
     for side in bounds:
         value = getattr(table, side)
         if value is not None:
-            bounds[side] = _number(value, unit, path, f"{key}.{side}")
+            bounds[side] = number_of(value, unit, path, f"{key}.{side}")
     return bounds["lower"], bounds["upper"]
-
-
-def _number(value: SiOrText, unit: str, path: object, key: str) -> float:
-    try:
-        return to_si(value, unit)
-    except ValueError as error:
-        raise FileError(path, key, str(error)) from error
-
-
-def read_cases(
-    tables: list[PointTable], drive: Drive, point: OperatingPoint, path: object
-) -> Cases:
-    """The operating points of a study; what a table leaves out is `point`'s.
-
-    Raises `FileError` for points that cannot be measured together: twice the same name, some
-    with a belt speed and some with a driver speed, a torque on a pulley that takes none.
-    """
-    names, points = [], []
-    for table in tables:
-        key = f"point.{table.name}"
-        if table.name in names or not table.name or "@" in table.name:
-            raise FileError(path, key, "needs a name of its own without '@'; rename it")
-        torque = _torques(table, drive, point, path)
-        for speed in _speeds(table, point, path):
-            names.append(table.name)
-            points.append(dataclasses.replace(point, torque=torque, excitation=None, **speed))
-    rules = {point.belt_speed is None for point in points}
-    if len(rules) > 1:
-        raise FileError(
-            path, "point", "some give belt_speed and some driver_speed; give the same for all"
-        )
-    shaken = point.excitation
-    stacked = jax.tree.map(lambda *x: jnp.stack(x), *points)
-    if shaken is not None:
-        repeated = jax.tree.map(lambda x: jnp.stack([x] * len(points)), shaken)
-        stacked = dataclasses.replace(stacked, excitation=repeated)
-    return Cases(stacked, tuple(names))
-
-
-def _torques(
-    table: PointTable, drive: Drive, point: OperatingPoint, path: object
-) -> dict[str, float]:
-    torque = {name: float(point.torque.get(name, 0.0)) for name in drive.pulley_names}
-    key = f"point.{table.name}.torque"
-    if table.torque is not None:
-        unknown = [name for name in table.torque if name not in drive.pulley_names]
-        if unknown:
-            known = ", ".join(drive.pulley_names)
-            raise FileError(path, key, f"there is no pulley {unknown[0]!r}; give one of {known}")
-        given = {k: _number(v, "N m", path, f"{key}.{k}") for k, v in table.torque.items()}
-        torque = {name: given.get(name, 0.0) for name in torque}
-    driver = next(p.name for p in drive.pulleys if float(p.driver))
-    if torque.pop(driver):
-        raise FileError(path, key, f"the driver {driver!r} balances the others; remove its torque")
-    return torque
-
-
-def _speeds(
-    table: PointTable, point: OperatingPoint, path: object
-) -> list[dict[str, float | None]]:
-    """Speeds of the cases that one table stands for, each as fields of an operating point."""
-    given = {key: getattr(table, key) for key in ("belt_speed", "driver_speed")}
-    given = {key: value for key, value in given.items() if value is not None}
-    if not given:
-        return [{}]
-    key = f"point.{table.name}"
-    if len(given) > 1:
-        raise FileError(path, key, "has belt_speed and driver_speed; remove one")
-    [(field, value)] = given.items()
-    unit, other = ("m/s", "driver_speed") if field == "belt_speed" else ("rad/s", "belt_speed")
-    ends = [value.lower, value.upper] if isinstance(value, RangeTable) else [value]
-    numbers = [_number(end, unit, path, f"{key}.{field}") for end in ends]
-    if min(numbers) < 0 or (len(numbers) == 2 and numbers[0] >= numbers[1]):
-        raise FileError(path, f"{key}.{field}", f"found {ends}; give speeds from low to high")
-    if isinstance(value, RangeTable):
-        numbers = [float(x) for x in np.linspace(numbers[0], numbers[1], value.points)]
-    return [{field: number, other: None} for number in numbers]

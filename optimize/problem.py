@@ -167,6 +167,11 @@ def _slopes(study: Study, scales: Scales, rows: Array, x: Unit) -> Slopes:
     return Slopes(value[-1], value[:-1], slope[-1], slope[:-1], valid)
 
 
+def run_measured(study: Study, drive: Drive) -> Measured:
+    """`measured`, compiled, on the host."""
+    return jax.device_get(quickly_compiled(measured)(study, drive))
+
+
 class Starts(NamedTuple):
     """Where the searches begin, and what the designs seen on the way say of the problem's size."""
 

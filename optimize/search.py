@@ -109,13 +109,13 @@ def search(study: Study, begin: Starts, means: Means) -> Search:
 
 def _by_lagrangian(study: Study, begin: Starts, means: Means) -> Search:
     """All starts as one batch; every outer iteration can be the last or the first of a run."""
-    states = jax.vmap(lambda x: first_iterate(x, 2 * sum(begin.parts)))(begin.points)
+    states = first_states(begin)
     objective, violation, first = [], [], 1
     if means.checkpoint is not None and (saved := means.checkpoint.load()) is not None:
         states = Iterate(*(jnp.asarray(saved[field]) for field in Iterate._fields))
         objective, violation = list(saved["path_objective"]), list(saved["path_violation"])
         first = len(objective) + 1
-    step = quickly_compiled(_step) if study.starts <= FEW else eqx.filter_jit(_step)
+    step = quickly_compiled(batch_step) if study.starts <= FEW else eqx.filter_jit(batch_step)
     in_time = True
     for done in range(first, OUTER_STEPS + 1):
         if bool(jnp.all(states.stopped)):
@@ -132,17 +132,30 @@ def _by_lagrangian(study: Study, begin: Starts, means: Means) -> Search:
         means.advance(
             f"{int(jnp.sum(states.done))} of {len(begin.points)} converged", done, OUTER_STEPS
         )
+    return ends_of(states)._replace(history=_history(objective, violation), in_time=in_time)
+
+
+def first_states(begin: Starts) -> Iterate:
+    """The augmented Lagrangian's state at every start."""
+    return jax.vmap(lambda x: first_iterate(x, 2 * sum(begin.parts)))(begin.points)
+
+
+def batch_step(study: Study, scales: Scales, states: Iterate) -> Iterate:
+    """One outer iteration of every start."""
+    return jax.vmap(lambda s: outer_step(lambda x: evaluation(study, scales, x), s))(states)
+
+
+def ends_of(states: Iterate) -> Search:
+    """Where the starts ended, without the way there."""
     host = jax.device_get(states)
     points = np.asarray(to_unit(host.z))
-    ends = [End(*end) for end in zip(points, host.objective, host.violation, host.valid,
-                                      host.done, strict=True)]  # fmt: skip
-    shape = (-1, len(points))
-    history = History(np.reshape(objective, shape), np.reshape(violation, shape))
-    return Search(ends, history, in_time)
+    columns = points, host.objective, host.violation, host.valid, host.done
+    ends = [End(*end) for end in zip(*columns, strict=True)]
+    return Search(ends, _history([host.objective], [host.violation]), True)
 
 
-def _step(study: Study, scales: Scales, states: Iterate) -> Iterate:
-    return jax.vmap(lambda s: outer_step(lambda x: evaluation(study, scales, x), s))(states)
+def _history(objective: list[np.ndarray], violation: list[np.ndarray]) -> History:
+    return History(np.array(objective), np.array(violation))
 
 
 def _by_solver(study: Study, begin: Starts, means: Means) -> Search:

@@ -1,5 +1,7 @@
 """Design studies: what may change, what is wanted, what must hold, and where it must hold."""
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 from jaxtyping import Array, Float
@@ -35,6 +37,20 @@ class Limits(eqx.Module):
     upper: Float[Array, " names"] = eqx.field(converter=as_real)
 
 
+class Option(NamedTuple):
+    """One way to choose: a label, and the drive's numbers that go with it (SI)."""
+
+    label: str
+    numbers: tuple[tuple[str, float], ...]
+
+
+class Choice(NamedTuple):
+    """Options of which a design takes one: belts of a catalog, numbers of ribs."""
+
+    name: str
+    options: tuple[Option, ...]
+
+
 class Study(eqx.Module):
     """A design study.
 
@@ -57,6 +73,9 @@ class Study(eqx.Module):
     method: str = eqx.field(static=True, default="augmented-lagrangian")
     sharpness: float = eqx.field(static=True, default=50.0)  # of the soft maximum
     time_limit: float | None = eqx.field(static=True, default=None)  # [s]
+    choices: tuple[Choice, ...] = eqx.field(static=True, default=())
+    pareto: tuple[str, ...] = eqx.field(static=True, default=())  # objectives of a front
+    pareto_points: int = eqx.field(static=True, default=11)
 
     @property
     def operating(self) -> Cases:
@@ -68,7 +87,8 @@ class Study(eqx.Module):
         if unknown:
             raise ValueError(f"Study: no variables of this drive: {', '.join(sorted(unknown))}.")
         known = self.cases.names if self.cases else ()
-        for name in (*self.objective, *self.constraints.names):
+        fronts = (name.removeprefix("-") for name in self.pareto)
+        for name in (*self.objective, *self.constraints.names, *fronts):
             try:
                 require_quantity(name, self.drive, self.point, known)
             except KeyError as error:

@@ -3,6 +3,7 @@
 import json
 import math
 import os
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -139,6 +140,34 @@ def design_document(design: Any) -> dict[str, Any]:
         "scales": design.scales,
         "history": {name: plain(path) for name, path in design.history._asdict().items()},
     }
+
+
+def chosen_document(chosen: Sequence[Any]) -> dict[str, Any]:
+    """The best design of every combination of a study's choices, the best first."""
+    rows = [
+        {
+            "labels": one.labels,
+            "numbers": one.numbers,
+            "objective": one.design.final,
+            "design": dict(one.design.values),
+            "success": one.design.success,
+        }
+        for one in chosen
+    ]
+    return {"choices": rows}
+
+
+def front_document(front: Any) -> dict[str, Any]:
+    """A `beltjax.optimize.Front`."""
+    points = [
+        {
+            "objectives": dict(zip(front.names, point.objectives, strict=True)),
+            "design": point.values,
+            "residual": plain(point.residual),
+        }
+        for point in front.points
+    ]
+    return {"objectives": list(front.names), "points": points, "success": front.success}
 
 
 def _optimality(shown: Any) -> dict[str, Any] | None:

@@ -17,7 +17,12 @@ from beltjax.drive.files import drive_bytes, load_drive
 from beltjax.errors import FileError
 from beltjax.numerics.bases import Legendre
 from beltjax.report.diagnosis import diagnose
-from beltjax.report.documents import analysis_document, design_document, plain_numbers
+from beltjax.report.documents import (
+    analysis_document,
+    chosen_document,
+    design_document,
+    plain_numbers,
+)
 from beltjax.report.programs import run_kept
 from beltjax.report.tables import analysis_tables, design_tables
 from beltjax.results import RESULTS, explanation
@@ -85,11 +90,12 @@ def study_job(
     figures = importlib.import_module("beltjax.report.figures")
     study = _changed(optimize.load_study(path), given)
     warm = () if given.warm is None else (_warm_start(given.warm, study.variables.names),)
-    try:
-        design = optimize.minimize(study, advance, warm=warm, checkpoint=given.checkpoint)
-    except ValueError as error:
-        raise FileError("--checkpoint", "", str(error)) from error
-    document = design_document(design)
+    if study.choices:
+        chosen = optimize.enumerated(study, advance)
+        design, choices = chosen[0].design, chosen_document(chosen)
+    else:
+        design, choices = _minimized(study, advance, warm, given.checkpoint), {}
+    document = design_document(design) | choices
     before = {
         name: (float(optimize.value_of(study.drive, name)), optimize.unit_of(name))
         for name in design.values
@@ -107,6 +113,14 @@ def study_job(
         files.append((given.page, page.study_page(study, design, document, before)))
     failure = "" if design.success else str(FileError(path, *_missed(design)))
     return Report(document, design_tables(document, before), failure, tuple(files))
+
+
+def _minimized(study: Any, advance: Any, warm: tuple, checkpoint: str | None) -> Any:
+    optimize = importlib.import_module("beltjax.optimize")
+    try:
+        return optimize.minimize(study, advance, warm=warm, checkpoint=checkpoint)
+    except ValueError as error:
+        raise FileError("--checkpoint", "", str(error)) from error
 
 
 def _changed(study: Any, given: StudyRequest) -> Any:

@@ -1,6 +1,7 @@
 """Readable tables of results, for a terminal or a file."""
 
 import math
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -112,7 +113,34 @@ def design_tables(document: dict[str, Any], before: dict[str, tuple[float, str]]
     shown = [_design_table(document, before), _constraint_table(document), _start_table(document)]
     if len(document["optima"]) > 1:
         shown.append(_optima_table(document))
+    if "choices" in document:
+        shown.insert(0, _choice_table(document["choices"]))
     return Group(*shown, *map(Text, _optimality_lines(document)))
+
+
+def _choice_table(choices: list[dict[str, Any]]) -> Table:
+    """Every combination of choices; what follows is the design of the first."""
+    names = list(choices[0]["labels"])
+    table = plain_table("Choices, the best first", *map(escape, names), "objective", "")
+    for one in choices:
+        ending = "" if one["success"] else "not met"
+        labels = [escape(one["labels"][name]) for name in names]
+        table.add_row(*labels, number(one["objective"], 5), ending)
+    return table
+
+
+def front_table(document: dict[str, Any]) -> Table:
+    """The table of `beltjax pareto`: objectives and variables of every design of the front."""
+    names = document["objectives"]
+    points = document["points"]
+    variables = list(points[0]["design"]) if points else []
+    # A header takes as many lines as its name has parts, so that the columns stay narrow.
+    headers = [re.sub("(?<=[.:])", "\n", name) for name in (*names, *variables)]
+    table = plain_table("Pareto front (SI, rad)", *map(escape, headers))
+    for point in points:
+        values = [*point["objectives"].values(), *point["design"].values()]
+        table.add_row(*(f"{value:.6g}" for value in values))
+    return table
 
 
 def _optima_table(document: dict[str, Any]) -> Table:

@@ -1,0 +1,80 @@
+"""Discrete choices: the continuous problem solved for every combination, all in one batch."""
+
+import dataclasses
+import itertools
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+from beltjax.drive.numbers import with_number
+from beltjax.numerics.compilation import quickly_compiled
+
+from .outcome import Design, report
+from .problem import Starts, limited_rows, starting_points, with_implied_constraints
+from .search import FEW, OUTER_STEPS, Advance, batch_step, ends_of, first_states, looking
+from .study import Study
+
+
+class Chosen(NamedTuple):
+    """One combination of options and the best design with it."""
+
+    labels: dict[str, str]  # by name of choice
+    numbers: dict[str, float]  # of the drive, SI
+    design: Design
+
+
+def enumerated(study: Study, advance: Advance | None = None) -> list[Chosen]:
+    """The best design of every combination of a study's choices, the best first.
+
+    The augmented Lagrangian takes all starts of all combinations as one batch. A combination
+    without a design that meets all limits comes after those that have one. Raises `ValueError`
+    for a study without choices.
+    """
+    if not study.choices:
+        raise ValueError("enumerated: the study has no choices; use `minimize`.")
+    tell = advance or (lambda stage, done, total: None)
+    asked = len(study.constraints.names)
+    combinations = list(itertools.product(*(choice.options for choice in study.choices)))
+    tell("compiling", 0, None)
+    studies = [with_implied_constraints(_with(study, options)) for options in combinations]
+    begins = [starting_points(one) for one in studies]
+    states = _searched(studies, begins, tell)
+    found = []
+    for options, one, begin, end in zip(combinations, studies, begins, states, strict=True):
+        rows = limited_rows(one, begin.parts)
+        look = looking(one, begin.scales, rows)
+        design = report(one, asked, begin, rows, look, ends_of(end))
+        labels = {c.name: o.label for c, o in zip(study.choices, options, strict=True)}
+        numbers = {name: value for option in options for name, value in option.numbers}
+        found.append(Chosen(labels, numbers, design))
+    return sorted(found, key=lambda c: (not c.design.success, c.design.final or 0.0))
+
+
+def _with(study: Study, options) -> Study:
+    drive = study.drive
+    for option in options:
+        for name, value in option.numbers:
+            drive, _ = with_number(drive, study.point, name, jnp.asarray(value, dtype=float))
+    return dataclasses.replace(study, drive=drive, choices=())
+
+
+def _searched(studies: list[Study], begins: list[Starts], tell: Advance):
+    """States of all combinations after the search, one by one."""
+    stacked, scales, states = (
+        jax.tree.map(lambda *leaves: jnp.stack(leaves), *parts)
+        for parts in (studies, [b.scales for b in begins], [first_states(b) for b in begins])
+    )
+    lanes = len(studies) * studies[0].starts
+    step = quickly_compiled(_step) if lanes <= FEW else eqx.filter_jit(_step)
+    for done in range(1, OUTER_STEPS + 1):
+        states = step(stacked, scales, states)
+        tell(f"{int(jnp.sum(states.done))} of {lanes} converged", done, OUTER_STEPS)
+        if bool(jnp.all(states.stopped)):
+            break
+    return [jax.tree.map(lambda x, k=k: x[k], states) for k in range(len(studies))]
+
+
+def _step(studies: Study, scales, states):
+    return jax.vmap(batch_step)(studies, scales, states)
