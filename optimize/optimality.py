@@ -13,7 +13,10 @@ from scipy.linalg import null_space
 from scipy.optimize import nnls
 
 CLOSE = 1e-6  # of a limit, in its scale: may be active
+SETTLED = 1e-6  # residual of the conditions below which a design counts as an optimum
 BINDING = 1e-7  # multiplier above which an active limit holds the optimum back
+_NEAR = 1e-3  # of a limit, in its scale: may hold the optimum back
+_BROKEN = 1e-9  # what a linear step may leave a limit missed by
 _STEP = 1e-5  # of the differences of exact gradients that make second derivatives
 
 Vector = np.ndarray
@@ -51,9 +54,7 @@ class Optimality(NamedTuple):
 def optimality(at: Local, look: Look, second: bool = True) -> Optimality:
     """How well a design meets the conditions of an optimum; `second` costs 2n more looks."""
     active = at.c >= -CLOSE
-    multipliers = np.zeros(len(at.c))
-    if active.any():
-        multipliers[active] = nnls(at.dc[active].T, -at.df)[0]
+    multipliers = _multipliers(at)
     gradient = at.df + multipliers @ at.dc
     curvature = None
     if second:
@@ -67,6 +68,18 @@ def optimality(at: Local, look: Look, second: bool = True) -> Optimality:
         multipliers=multipliers,
         active=active,
     )
+
+
+def _multipliers(at: Local) -> Vector:
+    """Those that leave the least of stationarity and complementarity together."""
+    near = at.c > -_NEAR
+    if not near.any():
+        return np.zeros(len(at.c))
+    slack = np.diag(np.minimum(at.c[near], 0.0))
+    found = nnls(np.concatenate([at.dc[near].T, slack]), np.append(-at.df, np.zeros(len(slack))))[0]
+    every = np.zeros(len(at.c))
+    every[near] = found
+    return every
 
 
 def curvature_matrix(at: Local, multipliers: Vector, look: Look) -> np.ndarray | None:
@@ -120,7 +133,7 @@ def _newton_step(at: Local, now: Optimality, look: Look) -> Vector | None:
         # A limit that pushes the wrong way is let go; one that the step would break is taken in.
         wrong = rows[prices < -BINDING]
         ahead = at.c + at.dc @ step
-        broken = np.flatnonzero((ahead > 1e-12) & ~held & ~violated)
+        broken = np.flatnonzero((ahead > _BROKEN) & ~held & ~violated)
         if len(broken):
             held[broken[np.argmax(ahead[broken])]] = True
         elif len(wrong) and held[rows[np.argmin(prices)]]:

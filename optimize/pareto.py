@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from .design import minimize
-from .optimality import optimality, polished
+from .optimality import SETTLED, optimality, polished
 from .outcome import Design
 from .problem import (
     Scales,
@@ -26,7 +26,6 @@ from .search import Advance, looking
 from .solvers import solve
 from .study import Limits, Study, split_name
 
-SETTLED = 1e-6  # residual of the conditions of an optimum below which a point counts as solved
 _SAME = 1e-6  # of the front's extent
 
 

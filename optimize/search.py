@@ -14,7 +14,7 @@ from beltjax.numerics.compilation import quickly_compiled
 
 from .checkpoint import Checkpoint
 from .lagrangian import Iterate, first_iterate, outer_step, to_unit
-from .optimality import Local, Look
+from .optimality import SETTLED, Local, Look, optimality
 from .problem import Scales, Starts, evaluation, slopes
 from .solvers import solve
 from .study import Study
@@ -195,8 +195,10 @@ def _solved(method: str, means: Means, x: np.ndarray) -> tuple[End, np.ndarray]:
     path = np.array(ended.path).reshape(-1, 2)
     if at is None:
         return End(ended.x, np.inf, np.inf, False, False), path
-    violation = float(np.max(np.maximum(at.c, 0.0)))
-    return End(ended.x, at.f, violation, True, ended.converged), path
+    # SLSQP may stop on an optimum because rounding leaves it no way down, and call that a failure.
+    shown = optimality(at, means.look, second=False)
+    converged = ended.converged or shown.residual <= SETTLED
+    return End(ended.x, at.f, shown.violation, True, converged), path
 
 
 def _padded(paths: list[np.ndarray]) -> np.ndarray:

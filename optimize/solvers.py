@@ -85,16 +85,17 @@ def trust_constr(problem: _Problem, x: Vector) -> Ended:
     rows = len(problem.limits(x))
     slopes: Any = problem.limit_slopes  # a callable, which SciPy's annotations leave out
     limits = NonlinearConstraint(problem.limits, np.full(rows, -np.inf), np.zeros(rows), slopes)
-    found = scipy_minimize(
-        lambda x: problem.at(x).f,
-        x,
-        jac=lambda x: problem.at(x).df,
-        bounds=Bounds(0.0, 1.0, keep_feasible=True),
-        constraints=[limits],
-        method="trust-constr",
-        callback=problem.watch,
-        options={"gtol": 1e-9, "xtol": 1e-12, "barrier_tol": 1e-10, "maxiter": 1000},
-    )
+    with np.errstate(all="ignore"):  # it divides by components that vanish, and copes
+        found = scipy_minimize(
+            lambda x: problem.at(x).f,
+            x,
+            jac=lambda x: problem.at(x).df,
+            bounds=Bounds(0.0, 1.0, keep_feasible=True),
+            constraints=[limits],
+            method="trust-constr",
+            callback=problem.watch,
+            options={"gtol": 1e-9, "xtol": 1e-12, "barrier_tol": 1e-10, "maxiter": 1000},
+        )
     return Ended(found.x, found.status in (1, 2), str(found.message), tuple(problem.path))
 
 
