@@ -8,6 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from beltjax.drive.components import as_real
 from beltjax.drive.numbers import with_number
 from beltjax.numerics.compilation import quickly_compiled
 
@@ -56,7 +57,7 @@ def _with(study: Study, options) -> Study:
     drive = study.drive
     for option in options:
         for name, value in option.numbers:
-            drive, _ = with_number(drive, study.point, name, jnp.asarray(value, dtype=float))
+            drive, _ = with_number(drive, study.point, name, as_real(value))
     return dataclasses.replace(study, drive=drive, choices=())
 
 
@@ -64,7 +65,11 @@ def _searched(studies: list[Study], begins: list[Starts], tell: Advance):
     """States of all combinations after the search, one by one."""
     stacked, scales, states = (
         jax.tree.map(lambda *leaves: jnp.stack(leaves), *parts)
-        for parts in (studies, [b.scales for b in begins], [first_states(b) for b in begins])
+        for parts in (
+            [one.asked for one in studies],
+            [b.scales for b in begins],
+            [first_states(b) for b in begins],
+        )
     )
     lanes = len(studies) * studies[0].starts
     step = quickly_compiled(_step) if lanes <= FEW else eqx.filter_jit(_step)

@@ -7,7 +7,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 import openmdao.api as om
 
 from beltjax.drive.variables import unit_of, with_values
@@ -46,7 +45,7 @@ class DriveComponent(om.ExplicitComponent):
         counts = part_counts(study)
         for name, parts in zip(study.constraints.names, counts, strict=True):
             unit = quantity(split_name(name)[0], study.drive).unit
-            self.add_output(variable_name(name), np.zeros(parts), units=_units(unit))
+            self.add_output(variable_name(name), shape=parts, units=_units(unit))
         self.declare_partials("*", "*")
 
     def compute(self, inputs: Any, outputs: Any) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]

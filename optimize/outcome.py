@@ -157,9 +157,8 @@ def _outcome(found: Search, basins: list[_Basin]) -> tuple[RESULTS, np.ndarray]:
     if valid:
         missed = RESULTS.constraints_infeasible if found.in_time else RESULTS.time_limit_reached
         return missed, min(valid, key=lambda end: end.violation).x
-    if not found.in_time:
-        return RESULTS.time_limit_reached, found.ends[0].x
-    return RESULTS.no_starting_design, found.ends[0].x
+    none = RESULTS.no_starting_design if found.in_time else RESULTS.time_limit_reached
+    return none, found.ends[0].x
 
 
 def _optima(study, size: float, basins: list[_Basin], look: Look) -> tuple[Optimum, ...]:
@@ -206,7 +205,7 @@ def _named_scales(study: Study, scales: Scales) -> dict[str, float]:
 
 
 def _run(study: Study, drive: Drive) -> tuple[SteadyState, Measured]:
-    return jax.device_get(quickly_compiled(_run_one)(study, drive))
+    return jax.device_get(quickly_compiled(_run_one)(study.asked, drive))
 
 
 def _run_one(study: Study, drive: Drive):

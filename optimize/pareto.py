@@ -8,6 +8,8 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from beltjax.drive.components import as_real
+
 from .design import minimize
 from .optimality import SETTLED, optimality, polished
 from .outcome import Design
@@ -100,7 +102,7 @@ class _Trade:
         last = {name: i for i, name in enumerate(study.constraints.names)}
         self._places = [last[name.removeprefix("-")] for name in names]
         sizes = [anchors[0].scales[name] for name in study.constraints.names]
-        self._scales = Scales(jnp.asarray(anchors[0].scales["objective"]), jnp.array(sizes))
+        self._scales = Scales(as_real(anchors[0].scales["objective"]), as_real(sizes))
         self.solved = [self._measured(in_box(study, a.values), _residual(a)) for a in anchors]
 
     def signed(self, point: FrontPoint) -> np.ndarray:

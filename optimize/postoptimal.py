@@ -3,10 +3,9 @@
 from typing import NamedTuple
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
-from beltjax.drive.components import Drive
+from beltjax.drive.components import Drive, as_real
 from beltjax.drive.numbers import SPEEDS, TORQUE, number_names, with_number
 from beltjax.drive.variables import ANGLE, ARM_LENGTH, value_of
 
@@ -59,7 +58,7 @@ def post_optimal(
     study = with_implied_constraints(study)
     rows = limited_rows(study, part_counts(study))
     scaled = [design.scales[name] for name in study.constraints.names]
-    scales = Scales(jnp.asarray(design.scales["objective"]), jnp.asarray(scaled))
+    scales = Scales(as_real(design.scales["objective"]), as_real(scaled))
     look = looking(study, scales, rows)
     at = look(in_box(study, design.values))
     assert at is not None  # as the design succeeded
@@ -79,7 +78,7 @@ def _difference(study: Study, scales: Scales, rows, at: Local, name: str) -> Loc
     h = _STEP * max(abs(value), 1e-3)
     ends = []
     for side in (value + h, value - h):
-        drive, _ = with_number(study.drive, study.point, name, jnp.asarray(side))
+        drive, _ = with_number(study.drive, study.point, name, as_real(side))
         moved = looking(eqx.tree_at(lambda s: s.drive, study, drive), scales, rows)(at.x)
         if moved is None:
             raise ValueError(f"post_optimal: there is no drive for {name} = {side:g}.")

@@ -150,7 +150,7 @@ def limited_rows(study: Study, parts: list[int]) -> np.ndarray:
 
 def slopes(study: Study, scales: Scales, rows: Array, x: Unit) -> Slopes:
     """Exact first derivatives of the problem at one design, of its constraints at `rows`."""
-    return quickly_compiled(_slopes)(study, scales, rows, x)
+    return quickly_compiled(_slopes)(study.asked, scales, rows, x)
 
 
 def _slopes(study: Study, scales: Scales, rows: Array, x: Unit) -> Slopes:
@@ -169,7 +169,7 @@ def _slopes(study: Study, scales: Scales, rows: Array, x: Unit) -> Slopes:
 
 def run_measured(study: Study, drive: Drive) -> Measured:
     """`measured`, compiled, on the host."""
-    return jax.device_get(quickly_compiled(measured)(study, drive))
+    return jax.device_get(quickly_compiled(measured)(study.asked, drive))
 
 
 class Starts(NamedTuple):
@@ -192,7 +192,7 @@ def starting_points(study: Study, warm: tuple[dict[str, float], ...] = ()) -> St
     count = CANDIDATES * study.starts
     drawn = sampler.random_base2(math.ceil(math.log2(count)))[:count]
     points = np.concatenate([own, drawn])
-    found = jax.device_get(quickly_compiled(_survey)(study, jnp.asarray(points)))
+    found = jax.device_get(quickly_compiled(_survey)(study.asked, jnp.asarray(points)))
     valid = found.found
     # Stable: the study's own drive stays first if it runs, and shapes stay the same if few do.
     order = np.argsort(~valid, kind="stable")[: study.starts]

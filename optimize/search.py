@@ -50,6 +50,8 @@ class End(NamedTuple):
     @property
     def ending(self) -> str:
         """How the start ended, in words."""
+        if np.isnan(self.objective):
+            return "out of time"
         if not self.valid:
             return "no drive that runs"
         if not self.feasible:
@@ -123,7 +125,7 @@ def _by_lagrangian(study: Study, begin: Starts, means: Means) -> Search:
         in_time = means.in_time
         if not in_time:
             break
-        states = step(study, begin.scales, states)
+        states = step(study.asked, begin.scales, states)
         objective.append(np.asarray(states.objective))
         violation.append(np.asarray(states.violation))
         if means.checkpoint is not None:
@@ -171,7 +173,8 @@ def _by_solver(study: Study, begin: Starts, means: Means) -> Search:
     for x in np.asarray(begin.points)[len(ends) :]:
         in_time = means.in_time
         if not in_time:
-            break
+            ends.append(End(x, np.nan, np.inf, False, False))
+            continue
         end, path = _solved(study.method, means, x)
         ends.append(end)
         paths.append(path)

@@ -1,5 +1,6 @@
 """Design studies: what may change, what is wanted, what must hold, and where it must hold."""
 
+import dataclasses
 from typing import NamedTuple
 
 import equinox as eqx
@@ -81,6 +82,12 @@ class Study(eqx.Module):
     def operating(self) -> Cases:
         """The operating points that the design is measured at."""
         return self.cases or Cases(jax.tree.map(lambda x: x[None], self.point), ("",))
+
+    @property
+    def asked(self) -> "Study":
+        """The study without what only a search needs: searches of all kinds compile it once."""
+        search = {"starts": 1, "seed": 0, "name": "", "method": "", "time_limit": None}
+        return dataclasses.replace(self, **search, choices=(), pareto=(), pareto_points=0)
 
     def __check_init__(self):
         unknown = set(self.variables.names) - set(variable_names(self.drive))

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from optimize.problems import HS71_OPTIMUM, HS71_VALUE, hs71, local
-
 from beltjax.optimize.conflicts import conflicting, least_violated
 from beltjax.optimize.optimality import optimality, polished, response_to
 from beltjax.optimize.solvers import SOLVERS, solve
+from nonlinear_problems import HS71_OPTIMUM, HS71_VALUE, hs71, local
 
 
 def test_a_published_optimum_is_reached_from_nearby():

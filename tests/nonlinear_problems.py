@@ -1,7 +1,6 @@
 """Problems of the literature in the unit box, as optimizers on the host take them."""
 
 import numpy as np
-
 from beltjax.optimize import optimality as conditions
 
 # W. Hock and K. Schittkowski, Test Examples for Nonlinear Programming Codes (1981), problem 71.

@@ -1,0 +1,130 @@
+"""Studies over several operating points, frequencies and forced vibration: what is measured."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from beltjax.optimize.problem import drive_at, in_box, measured, own_values, soft_maximum
+from drives import EXAMPLES
+
+import beltjax as bj
+
+HEAD = """
+drive = "three_pulley.toml"
+[objective]
+minimize = "coupling"
+[[variable]]
+name = "pulley.accessory.radius"
+lower = "22 mm"
+upper = "45 mm"
+"""
+POINTS = """
+[[point]]
+name = "idle"
+belt_speed = 5
+[[point]]
+name = "fast"
+belt_speed = { from = 20, to = 40, points = 3 }
+torque = { accessory = 4 }
+"""
+
+
+def load(tmp_path, text):
+    """The study of that text, beside the three-pulley drive."""
+    (tmp_path / "three_pulley.toml").write_text((EXAMPLES / "three_pulley.toml").read_text())
+    path = tmp_path / "study.toml"
+    path.write_text(text)
+    return bj.optimize.load_study(path)
+
+
+def limit(quantity, side="lower = 0"):
+    return f'[[constraint]]\nquantity = "{quantity}"\n{side}\n'
+
+
+def test_every_point_counts_and_a_named_one_alone(tmp_path):
+    names = ["coupling", "coupling@idle", "hub_load:accessory@fast", "frequency:1@idle"]
+    names += ["order_margin:2@idle"]
+    study = load(tmp_path, HEAD + POINTS + "".join(map(limit, names)))
+    assert study.cases.names == ("idle", "fast", "fast", "fast")
+    found = jax.jit(lambda d: measured(study, d))(study.drive)
+    values = dict(zip(names, map(np.asarray, found.parts), strict=True))
+    assert [len(values[name]) for name in names[:4]] == [4, 1, 3, 1]
+
+    torque = {"accessory": 4.0}
+    points = [bj.OperatingPoint(belt_speed=5.0)]
+    points += [bj.OperatingPoint(belt_speed=v, torque=torque) for v in (20.0, 30.0, 40.0)]
+    steady = [bj.steady_state(study.drive, point) for point in points]
+    totals = [float(one.coupling.sum()) for one in steady]
+    np.testing.assert_allclose(values["coupling"], totals, rtol=1e-10)
+    assert float(found.worst) == pytest.approx(max(totals), rel=1e-12)
+    assert max(totals) < float(found.objective) < max(totals) * (1 + np.log(4) / study.sharpness)
+
+    # A second route to the lowest frequency: exact, against a basis good to 0.1 %.
+    lowest = bj.modes(bj.linearize(steady[0], bj.Sine(8)), 2, exact=True).frequencies
+    assert values["frequency:1@idle"][0] == pytest.approx(float(lowest[0]), rel=1e-3)
+    speed = 5.0 / float(study.drive.pulleys[0].radius)
+    margin = abs(float(lowest[1]) / (2 * speed) - 1)
+    assert values["order_margin:2@idle"][1] == pytest.approx(margin, abs=1e-3 * (1 + margin))
+
+
+def test_soft_maximum_is_close_from_above_and_smooth():
+    values = jnp.array([1.0, 0.99, -3.0])
+    size = float(jnp.sqrt(jnp.mean(values**2)))
+    for sharpness in (10.0, 100.0, 1000.0):
+        excess = float(soft_maximum(values, sharpness)) - 1.0
+        assert 0 < excess <= size * np.log(3) / sharpness
+    assert float(jax.grad(lambda v: soft_maximum(v, 50.0))(values).sum()) > 0.9
+    assert float(soft_maximum(jnp.array([2.5]), 50.0)) == 2.5
+
+
+def test_forced_vibration_needs_an_excitation(tmp_path):
+    with pytest.raises(bj.FileError, match=r"needs \[excitation\]"):
+        load(tmp_path, HEAD + limit("span_amplitude:crankshaft-tensioner", "upper = 1e-3"))
+
+
+def test_a_design_is_where_its_values_say(tmp_path):
+    study = load(tmp_path, HEAD)
+    x = in_box(study, {"pulley.accessory.radius": 0.0335})
+    np.testing.assert_allclose(x, [0.5])
+    assert float(drive_at(study, jnp.asarray(x)).pulleys[2].radius) == pytest.approx(0.0335)
+    assert own_values(study) == {"pulley.accessory.radius": 0.02697}
+
+
+BAD = {
+    "unknown point": (limit("coupling@top"), "no operating point 'top'; there are idle, fast"),
+    "no such mode": (limit("frequency:9"), "no mode '9'; give one of 1 to 8"),
+    "no order": (limit("order_margin:two"), "'two' is no order"),
+    "same name": ('[[point]]\nname = "idle"\n', "point.idle: needs a name of its own"),
+    "two speeds": (
+        '[[point]]\nname = "a"\nbelt_speed = 1\ndriver_speed = 2\n',
+        "has belt_speed and driver_speed",
+    ),
+    "mixed speeds": ('[[point]]\nname = "a"\ndriver_speed = "600 rpm"\n', "some give belt_speed"),
+    "backwards": (
+        '[[point]]\nname = "a"\nbelt_speed = { from = 9, to = 3, points = 2 }\n',
+        "from low to high",
+    ),
+    "no pulley": ('[[point]]\nname = "a"\ntorque = { pump = 3 }\n', "there is no pulley 'pump'"),
+    "driver": ('[[point]]\nname = "a"\ntorque = { crankshaft = 3 }\n', "balances the others"),
+    "wrong unit": ('[[point]]\nname = "a"\nbelt_speed = "3 kg"\n', "point.a.belt_speed"),
+    "no time": ('[optimizer]\ntime_limit = "0 s"\n', "optimizer.time_limit"),
+    "unknown choice": (
+        '[[choice]]\nname = "b"\n[[choice.option]]\n"belt.ribs" = 3\n',
+        "choice.b: there is no number 'belt.ribs'",
+    ),
+    "empty choice": (
+        '[[choice]]\nname = "b"\n[[choice.option]]\nlabel = "x"\n',
+        "option 1 has no numbers",
+    ),
+    "one objective": ('[pareto]\nobjectives = ["coupling"]\n', "pareto.objectives"),
+    "many numbers": ('[pareto]\nobjectives = ["coupling", "wraps"]\n', "'wraps' is many numbers"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_studies_end_in_one_line(case, tmp_path):
+    text, message = BAD[case]
+    with pytest.raises(bj.FileError) as error:
+        load(tmp_path, HEAD + POINTS + text)
+    assert "\n" not in str(error.value)
+    assert message in str(error.value)
