@@ -66,7 +66,7 @@ def inline_svg(figure: Figure) -> str:
     # Fixed, so that one study gives one page: no date, no random names.
     figure.savefig(content, format="svg", metadata={"Date": None}, bbox_inches="tight")
     svg = content.getvalue()
-    svg = svg[svg.index("<svg") :]
+    svg = re.sub("<metadata>.*?</metadata>", "", svg[svg.index("<svg") :], flags=re.DOTALL)
     return re.sub(r'<svg([^>]*?) width="[^"]*"', r"<svg\1", re.sub(r' height="[\d.]+pt"', "", svg))
 
 

@@ -1,0 +1,69 @@
+"""The studies of examples/, by the command line, to a drive file that other commands confirm."""
+
+import json
+
+import numpy as np
+import pytest
+from drives import EXAMPLES
+
+import beltjax as bj
+
+FIRING = 25.0  # Hz: order 2 at 750 rpm
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_frequencies_are_kept_off_the_firing_order(run, tmp_path):
+    study = EXAMPLES / "seven_pulley_frequency_study.toml"
+    status, _, err = run(
+        "optimize", study, "--json", "o.json", "--out", "after.toml", "--report", "r.html"
+    )
+    assert (status, err) == (0, "")
+    found = json.loads((tmp_path / "o.json").read_text())
+    assert found["success"]
+    assert found["optimality"]["residual"] < 1e-8
+    assert found["objective"]["initial"] / found["objective"]["final"] > 1.5
+
+    # Gamma at both points, on the written drive file.
+    drive, idle = bj.load_drive(tmp_path / "after.toml")
+    cruise = bj.OperatingPoint(driver_speed=2500 * 2 * np.pi / 60, torque=dict(idle.torque))
+    totals = [float(bj.steady_state(drive, p).coupling.sum()) for p in (idle, cruise)]
+    assert max(totals) == pytest.approx(found["objective"]["final"], rel=1e-9)
+    status, _, _ = run("analyze", "after.toml", "--json", "a.json")
+    analyzed = json.loads((tmp_path / "a.json").read_text())
+    assert status == 0
+    assert analyzed["steady"]["coupling_total"] == pytest.approx(totals[0], rel=1e-9)
+    # A study's frequencies are good to 0.1 %; these to 1e-6.
+    assert min(abs(f / FIRING - 1) for f in analyzed["modes"]["hertz"]) > 0.2 - 2e-3
+
+    over = "operation.driver_speed=740 rpm:760 rpm:3"
+    status, _, _ = run("sweep", "after.toml", "--over", over, "--json", "s.json")
+    swept = np.array(json.loads((tmp_path / "s.json").read_text())["hertz"])
+    assert status == 0
+    assert np.nanmin(np.abs(swept[1] / FIRING - 1)) > 0.2 - 2e-3
+
+    page = (tmp_path / "r.html").read_text()
+    assert "Every limit is met" in page
+    assert page.count("<svg") == 3
+    assert "http" not in page.replace("http://www.w3.org", "")  # names of XML, not addresses
+
+
+def test_the_search_of_another_study_is_refused(run, tmp_path):
+    (tmp_path / "state.npz").write_bytes(b"not one")
+    study = EXAMPLES / "three_pulley_study.toml"
+    status, out, err = run("optimize", study, "--method", "slsqp", "--checkpoint", "state.npz")
+    assert (status, out) == (1, "")
+    assert "state.npz: is no checkpoint; remove it to start anew" in err
+
+
+def test_a_warm_start_must_be_of_this_study(run, tmp_path):
+    (tmp_path / "o.json").write_text('{"design": {"belt.mass": 3}}')
+    status, _, err = run("optimize", EXAMPLES / "three_pulley_study.toml", "--warm", "o.json")
+    assert status == 1
+    assert "o.json: design: has no number for 'pulley.tensioner.radius'" in err
+
+
+def test_a_study_without_objectives_has_no_front(run):
+    status, _, err = run("pareto", EXAMPLES / "three_pulley_study.toml")
+    assert status == 1
+    assert "pareto: is missing; give objectives" in err
