@@ -123,6 +123,43 @@ def sweep(
 
 @cli.command()
 @click.argument("drive_file", metavar="DRIVE.toml")
+@click.option(
+    "--over",
+    required=True,
+    multiple=True,
+    metavar="NAME=FROM:TO:POINTS",
+    help="A number and its range; NAME=FROM:TO with --samples. Give one for each number.",
+)
+@click.option("--samples", type=int, metavar="N", help="Quasi-random designs, not a grid.")
+@click.option("--seed", default=0, show_default=True, help="Of the sample.")
+@click.option("--out", "store", required=True, metavar="STORE.zarr", help="Written or resumed.")
+@click.option(
+    "--quantity", multiple=True, metavar="NAME", help='As in a study; "coupling" unless given.'
+)
+@click.option("--modes", default=0, show_default=True, help="Lowest frequencies to find.")
+@click.option("--batch", type=int, metavar="N", help="Designs computed and written at once.")
+@click.option("--workers", default=0, metavar="N", help="Processes on this machine, by Dask.")
+@click.option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster, tcp://HOST:PORT.")
+@_json_option
+def explore(
+    drive_file: str, quantity: tuple[str, ...], json_path: str | None, store: str, **given: Any
+) -> None:
+    """Quantities and modes of many designs over any numbers of the drive file.
+
+    Written batch by batch to a Zarr store. Killed or interrupted, the same command goes on.
+    """
+    _check_outputs(drive_file, json_path)
+    _prepare_jax()
+    with _progress() as advance:
+        from beltjax.report.exploration import Exploring, exploration_job
+
+        asked = Exploring(quantities=quantity or ("coupling",), store=store, **given)
+        report = exploration_job(drive_file, asked, advance)
+    _finish(report, json_path)
+
+
+@cli.command()
+@click.argument("drive_file", metavar="DRIVE.toml")
 @click.option("--crank", metavar="AMPLITUDE", help="Driver's rotation, zero to peak (rad).")
 @click.option("--torque", multiple=True, metavar="NAME=AMPLITUDE", help="On a pulley (N m).")
 @click.option("--order", type=float, help="Per rotation of the driver; 2 unless the file says.")

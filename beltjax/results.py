@@ -246,6 +246,17 @@ def explanations(result: RESULTS) -> tuple[str, ...]:
     return tuple(texts[code] for code in codes)
 
 
+def code(result: RESULTS) -> Array:
+    """The number that stands for `result` in an array; `outcomes` says which is which."""
+    return jax.tree.leaves(result)[0]
+
+
+def outcomes() -> dict[str, tuple[int, str]]:
+    """Code and text of every result, by its name."""
+    members = getattr(RESULTS, "_name_to_item")  # noqa: B009 - Equinox has no public list
+    return {name: (int(code(one)), explanation(one)) for name, one in members.items()}
+
+
 def succeeded(result: RESULTS) -> Bool[Array, ""]:
     """Whether `result` is a success, as an array."""
     return result == RESULTS.successful

@@ -9,6 +9,9 @@ from . import lagrangian as lagrangian
 from .choices import Chosen as Chosen
 from .choices import enumerated as enumerated
 from .design import minimize as minimize
+from .designs import Grid as Grid
+from .designs import Samples as Samples
+from .exploration import explore as explore
 from .files import load_study as load_study
 from .optimality import Optimality as Optimality
 from .outcome import ConstraintReport as ConstraintReport
@@ -25,6 +28,7 @@ from .postoptimal import post_optimal as post_optimal
 from .quantities import Answers as Answers
 from .quantities import quantity as quantity
 from .search import History as History
+from .store import open_exploration as open_exploration
 from .study import Cases as Cases
 from .study import Choice as Choice
 from .study import Limits as Limits

@@ -2,13 +2,15 @@
 
 import dataclasses
 import difflib
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from beltjax.drive.components import Drive, OperatingPoint
-from beltjax.drive.variables import unit_of, variable_names, with_values
+from beltjax.drive.variables import unit_of, value_of, variable_names, with_values
 
 TORQUE = "operation.torque."
 SPEEDS = ("operation.belt_speed", "operation.driver_speed")
@@ -88,3 +90,49 @@ def _with_field(drive: Drive, words: list[str], value: Float[Array, ""]) -> Driv
         i = drive.pulley(words[1])
         return eqx.tree_at(lambda d: getattr(d.pulleys[i], words[2]), drive, value)
     return eqx.tree_at(lambda d: getattr(getattr(d, words[0]), words[1]), drive, value)
+
+
+def require_numbers(drive: Drive, names: Sequence[str]) -> None:
+    """Raise `ValueError` unless all `names` are numbers of this drive that may be set together."""
+    for name in names:
+        require_number(drive, name)
+    repeated = sorted({name for name in names if names.count(name) > 1})
+    if repeated:
+        raise ValueError(f"{repeated[0]!r} is given twice; remove one of them")
+    if set(SPEEDS) <= set(names):
+        raise ValueError(f"{SPEEDS[0]} and {SPEEDS[1]} are one speed; give one of them")
+
+
+def with_numbers(
+    drive: Drive, point: OperatingPoint, values: Mapping[str, Float[Array, ""]]
+) -> tuple[Drive, OperatingPoint]:
+    """`with_number` for several numbers, whose order does not matter.
+
+    The tensioner's pivot goes first, then the design variables as in `with_values`, so that the
+    tensioner is turned with the pivot it was given; then the rest, rims among them.
+    """
+    drawn = variable_names(drive)
+    pivot = [name for name in values if name.startswith("tensioner.pivot.")]
+    for name in pivot:
+        drive, point = with_number(drive, point, name, values[name])
+    drive = with_values(drive, {name: x for name, x in values.items() if name in drawn})
+    for name in sorted(set(values) - set(drawn) - set(pivot)):
+        drive, point = with_number(drive, point, name, values[name])
+    return drive, point
+
+
+def number_value(drive: Drive, point: OperatingPoint, name: str) -> Float[Array, ""]:
+    """What `with_number` would have to be given to change nothing [SI]; 0 for "tensioner.angle"."""
+    words = name.split(".")
+    if name.startswith(TORQUE):
+        return point.torque.get(name.removeprefix(TORQUE), jnp.zeros(()))
+    if name in SPEEDS:
+        speed = point.speed(drive)
+        return speed if name == SPEEDS[0] else speed / (drive.drives @ drive.radii)
+    if name in variable_names(drive):
+        return value_of(drive, name)
+    if words[:2] == ["tensioner", "pivot"]:
+        assert drive.tensioner is not None  # or the name would not be known
+        return drive.tensioner.pivot["xy".index(words[2])]
+    part = drive.pulleys[drive.pulley(words[1])] if words[0] == "pulley" else None
+    return getattr(part or getattr(drive, words[0]), words[-1])

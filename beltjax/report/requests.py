@@ -1,11 +1,24 @@
 """What is asked on the command line: ranges of numbers, amplitudes, orders."""
 
+from collections.abc import Callable
+from typing import TypeVar
+
 import numpy as np
 from jaxtyping import Float
 
 from beltjax.drive.quantities import to_si
+from beltjax.errors import FileError
 
+Value = TypeVar("Value")
 _MOST_POINTS = 100_000
+
+
+def asked(option: str, read: Callable[[], Value]) -> Value:
+    """What an option says; raises `FileError` that names it."""
+    try:
+        return read()
+    except ValueError as error:
+        raise FileError(option, "", str(error).rstrip(".")) from error
 
 
 def read_range(text: str, unit: str, fewest: int = 2) -> Float[np.ndarray, " points"]:
@@ -16,15 +29,24 @@ def read_range(text: str, unit: str, fewest: int = 2) -> Float[np.ndarray, " poi
     parts = text.split(":")
     if len(parts) != 3:
         raise ValueError(f"found {text!r}; give FROM:TO:POINTS, such as 0:60:121")
-    lower, upper = (to_si(_number(part), unit) for part in parts[:2])
+    lower, upper = read_interval(":".join(parts[:2]), unit)
     if not parts[2].strip().isdecimal():
         raise ValueError(f"found {parts[2]!r} points in {text!r}; give a whole number")
     points = int(parts[2])
     if not fewest <= points <= _MOST_POINTS:
         raise ValueError(f"found {points} points in {text!r}; give {fewest} to {_MOST_POINTS}")
+    return np.linspace(lower, upper, points)
+
+
+def read_interval(text: str, unit: str) -> tuple[float, float]:
+    """Ends [SI] of "0:60" or "600 rpm:6000 rpm"."""
+    parts = text.split(":")
+    if len(parts) != 2:
+        raise ValueError(f"found {text!r}; give FROM:TO, such as 0:60")
+    lower, upper = (to_si(_number(part), unit) for part in parts)
     if not lower < upper:
         raise ValueError(f"found {text!r}; give a range that ends above where it begins")
-    return np.linspace(lower, upper, points)
+    return lower, upper
 
 
 def read_named(text: str, example: str) -> tuple[str, str]:

@@ -5,7 +5,7 @@ import functools
 import importlib
 import os
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -20,7 +20,7 @@ from beltjax.drive.numbers import require_number, unit_of_number
 from beltjax.errors import FileError
 from beltjax.numerics.compilation import in_chunks, quickly_compiled
 from beltjax.report.jobs import Report
-from beltjax.report.requests import read_amplitude, read_named, read_orders, read_range
+from beltjax.report.requests import asked, read_amplitude, read_named, read_orders, read_range
 from beltjax.report.vibration import (
     response_curves,
     response_document,
@@ -31,7 +31,6 @@ from beltjax.report.vibration import (
 from beltjax.results import explanations
 
 Advance = Callable[[str, int, int | None], None]
-Value = TypeVar("Value")
 _MODAL_DAMPING = 0.02
 _ORDER = 2.0  # of a four-cylinder engine's firing
 
@@ -47,11 +46,11 @@ def sweep_job(
 ) -> Report:
     """Sweep one number of a drive file. Raises `FileError` for what cannot be asked."""
     drive, point = _vibrating(path)
-    name, text = _asked("--over", lambda: read_named(over, "NAME=FROM:TO:POINTS"))
-    _asked("--over", lambda: require_number(drive, name))
-    values = _asked("--over", lambda: read_range(text, unit_of_number(name)))
-    lines = _asked("--orders", lambda: read_orders(orders))
-    _asked("--count", lambda: require_count(drive, count))
+    name, text = asked("--over", lambda: read_named(over, "NAME=FROM:TO:POINTS"))
+    asked("--over", lambda: require_number(drive, name))
+    values = asked("--over", lambda: read_range(text, unit_of_number(name)))
+    lines = asked("--orders", lambda: read_orders(orders))
+    asked("--count", lambda: require_count(drive, count))
     found = sweep(drive, point, name, values, count=count, advance=advance)
     document = sweep_document(drive, found)
     files = []
@@ -84,11 +83,11 @@ def response_job(
     order = _order(point, given)
     if not order > 0:
         raise FileError("--order", "", f"found {order:g}; give a positive order")
-    speeds = _asked("--speeds", lambda: read_range(given.speeds, "rad/s"))
+    speeds = asked("--speeds", lambda: read_range(given.speeds, "rad/s"))
     if not speeds[0] > 0:
         raise FileError("--speeds", "", f"found {given.speeds!r}; begin above 0")
     ratio = _MODAL_DAMPING if given.modal_damping is None else given.modal_damping
-    damping = _asked("--modal-damping", lambda: Damping(modal=ratio))
+    damping = asked("--modal-damping", lambda: Damping(modal=ratio))
     found = _responses(drive, point, speeds, excitation, jnp.asarray(order), damping, advance)
     document = response_document(drive, order, speeds, found)
     files: tuple[tuple[str, bytes], ...] = ()
@@ -128,14 +127,14 @@ def _excitation(path, drive: Drive, point: OperatingPoint, given: Forcing) -> Ex
 
 def _commanded(drive: Drive, given: Forcing) -> tuple[float, dict[str, float]]:
     """Amplitudes of the command's crank motion [rad] and torques [N m]."""
-    crank = _asked("--crank", lambda: read_amplitude(given.crank or "0", "rad"))
+    crank = asked("--crank", lambda: read_amplitude(given.crank or "0", "rad"))
     torques = {}
     for text in given.torques:
-        name, size = _asked("--torque", lambda text=text: read_named(text, "NAME=AMPLITUDE"))
+        name, size = asked("--torque", lambda text=text: read_named(text, "NAME=AMPLITUDE"))
         if name in torques:
             raise FileError("--torque", "", f"names {name!r} twice; remove one of them")
-        torques[name] = _asked("--torque", lambda size=size: read_amplitude(size, "N m"))
-    _asked("--torque", lambda: Excitation(crank, torques).on(drive.pulley_names))
+        torques[name] = asked("--torque", lambda size=size: read_amplitude(size, "N m"))
+    asked("--torque", lambda: Excitation(crank, torques).on(drive.pulley_names))
     driver = drive.pulley_names[int(np.argmax(drive.drives))]
     if driver in torques:
         message = f"the motion of the driver {driver!r} is given; use --crank"
@@ -166,14 +165,6 @@ def _vibrating(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint]:
         message = "is missing; vibration needs the inertia of every pulley and of the arm"
         raise FileError(path, "inertia", message)
     return drive, point
-
-
-def _asked(option: str, read: Callable[[], Value]) -> Value:
-    """What an option says; raises `FileError` that names it."""
-    try:
-        return read()
-    except ValueError as error:
-        raise FileError(option, "", str(error).rstrip(".")) from error
 
 
 def _all_failed(path, key: str, outcomes: Sequence[str]) -> str:

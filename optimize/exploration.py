@@ -1,0 +1,123 @@
+"""Explorations: many designs, their quantities and modes, in a store that can be resumed."""
+
+import importlib.metadata
+import os
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from beltjax.analysis.linearization import has_inertias
+from beltjax.analysis.sweep import BASIS
+from beltjax.drive.components import Drive, OperatingPoint
+from beltjax.drive.files import drive_content
+from beltjax.drive.numbers import unit_of_number
+from beltjax.numerics.bases import AbstractBasis
+
+from .batches import FEW, FREQUENCY, Columns, Question, in_batches
+from .cluster import cluster, on_cluster
+from .designs import Designs
+from .quantities import quantity
+from .store import Column, Store, open_exploration
+
+if TYPE_CHECKING:
+    import xarray
+
+BATCH = 4096  # designs; small against memory, large against the writing of a file
+BATCH_WITH_MODES = 64  # matrices of a hundred rows and more for each design
+Advance = Callable[[str, int, int | None], None]
+
+
+def explore(
+    drive: Drive,
+    point: OperatingPoint,
+    designs: Designs,
+    quantities: Sequence[str],
+    store: str | os.PathLike[str],
+    *,
+    modes: int = 0,
+    basis: AbstractBasis = BASIS,
+    batch: int | None = None,
+    workers: int = 0,
+    scheduler: str | None = None,
+    advance: Advance | None = None,
+) -> "xarray.Dataset":
+    """Quantities and the `modes` lowest frequencies of every design, in a Zarr store at `store`.
+
+    `designs` is a `Grid` or `Samples` of numbers by their keys in the drive file; quantities go by
+    the names that studies use. The store is written batch by batch, `batch` designs at a time.
+    Called again with the same arguments it goes on where it was stopped, whenever and however
+    that was, to the same bits; a store of other arguments is refused.
+
+    Runs in this process, on all its devices; on `workers` processes of this machine, or on the
+    Dask cluster whose scheduler has that address. `advance(stage, done, total)` is told of every
+    batch. Returns the store, opened: variables along "design", SI units in the attributes. A
+    failed design has its code in `result` and nan for what could not be found. Pulleys that
+    overlap are no failure: ask for "clearance".
+
+    Raises `ValueError` for what cannot be asked and, as `FileError`, for a store that cannot be
+    used or written.
+    """
+    question = Question(drive, point, designs.names, tuple(quantities), modes, basis)
+    if modes and not has_inertias(drive):
+        raise ValueError("modes: need the inertia of every pulley and of the arm")
+    size = _batch_size(batch, modes, designs.total)
+    record = _record(question, designs, size)
+    kept = Store(store, record, _columns(question), designs.total, size)
+    pending = kept.pending()
+    tell = advance or (lambda stage, done, total: None)
+    tell("compiling", kept.designs_done, designs.total)
+    batches = _numbered(designs, kept, pending)
+    for number, columns in _answered(question, batches, size, designs.total, workers, scheduler):
+        kept.write(number, columns)
+        tell("exploring", kept.designs_done, designs.total)
+    return open_exploration(store)
+
+
+def _batch_size(given: int | None, modes: int, total: int) -> int:
+    if given is not None and given < 1:
+        raise ValueError(f"batch: found {given}; give at least 1.")
+    return min(given or (BATCH_WITH_MODES if modes else BATCH), total)
+
+
+def _numbered(
+    designs: Designs, store: Store, pending: list[int]
+) -> Iterator[tuple[int, np.ndarray]]:
+    points = designs.walk(map(store.span, pending))
+    return zip(pending, points, strict=True)
+
+
+def _answered(
+    question: Question, batches, size: int, total: int, workers: int, scheduler: str | None
+) -> Iterator[tuple[int, Columns]]:
+    """Numbers and answers of the batches, in any order."""
+    # Chosen by the whole, not by what is left: resuming must give the same bits.
+    quick = total <= FEW
+    if not (workers or scheduler):
+        yield from in_batches(question, batches, size, quick=quick)
+        return
+    with cluster(workers, scheduler) as client:
+        yield from on_cluster(client, question, batches, size, quick=quick)
+
+
+def _columns(question: Question) -> list[Column]:
+    columns = [Column(name, unit_of_number(name)) for name in question.names]
+    for name, parts in question.parts().items():
+        columns.append(Column(name, quantity(name, question.drive).unit, parts))
+    if question.modes:
+        columns.append(Column(FREQUENCY, "rad/s", question.modes))
+    return columns
+
+
+def _record(question: Question, designs: Designs, size: int) -> dict[str, Any]:
+    """Everything that the answers depend on, to the last bit."""
+    libraries = ("beltjax", "jax", "jaxlib", "scipy")
+    return {
+        "drive": drive_content(question.drive, question.point),
+        "designs": designs.record(),
+        "quantities": list(question.quantities),
+        "modes": question.modes,
+        "basis": repr(question.basis),
+        "batch": size,
+        "versions": {name: importlib.metadata.version(name) for name in libraries},
+    }
