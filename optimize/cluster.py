@@ -1,5 +1,6 @@
 """Batches of designs on a Dask cluster: the same answers, from other processes."""
 
+import concurrent.futures
 import contextlib
 import functools
 import importlib
@@ -14,6 +15,7 @@ import numpy as np
 from .batches import Columns, Question, batch_columns
 
 _IN_FLIGHT = 2  # batches a worker holds, so that none waits for the next
+_KEPT = "what is written is intact: repeat the command to go on"
 _PATIENCE = 20.0  # [s] for a scheduler to answer
 
 
@@ -56,7 +58,10 @@ def on_cluster(
     *,
     quick: bool,
 ) -> Iterator[tuple[int, Columns]]:
-    """Answers to numbered batches as they come; few are under way, however many there are."""
+    """Answers to numbered batches as they come; few are under way, however many there are.
+
+    Raises `ValueError` where the cluster is lost.
+    """
     distributed = importlib.import_module("distributed")
     # As bytes: unpacked before double precision is set, its numbers would lose half their digits.
     packed = pickle.dumps(question)
@@ -77,7 +82,11 @@ def on_cluster(
         following = submit()
         if following is not None:
             under_way.add(following)
-        yield numbers.pop(future.key), future.result()
+        try:
+            columns = future.result()
+        except (distributed.KilledWorker, concurrent.futures.CancelledError, OSError) as error:
+            raise ValueError(f"the cluster was lost; {_KEPT} ({type(error).__name__})") from error
+        yield numbers.pop(future.key), columns
 
 
 def answer_packed(packed: bytes, values: np.ndarray, size: int, quick: bool) -> Columns:

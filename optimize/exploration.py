@@ -1,11 +1,11 @@
 """Explorations: many designs, their quantities and modes, in a store that can be resumed."""
 
+import functools
 import importlib.metadata
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from beltjax.analysis.linearization import has_inertias
 from beltjax.analysis.sweep import BASIS
@@ -14,7 +14,7 @@ from beltjax.drive.files import drive_content
 from beltjax.drive.numbers import unit_of_number
 from beltjax.numerics.bases import AbstractBasis
 
-from .batches import FEW, FREQUENCY, Columns, Question, in_batches
+from .batches import FEW, FREQUENCY, Question, in_batches
 from .cluster import cluster, on_cluster
 from .designs import Designs
 from .quantities import quantity
@@ -62,15 +62,20 @@ def explore(
     if modes and not has_inertias(drive):
         raise ValueError("modes: need the inertia of every pulley and of the arm")
     size = _batch_size(batch, modes, designs.total)
-    record = _record(question, designs, size)
-    kept = Store(store, record, _columns(question), designs.total, size)
-    pending = kept.pending()
+    record, columns = _record(question, designs, size), _columns(question)
     tell = advance or (lambda stage, done, total: None)
-    tell("compiling", kept.designs_done, designs.total)
-    batches = _numbered(designs, kept, pending)
-    for number, columns in _answered(question, batches, size, designs.total, workers, scheduler):
-        kept.write(number, columns)
-        tell("exploring", kept.designs_done, designs.total)
+    # Chosen by the whole, not by what is left: resuming must give the same bits.
+    quick = designs.total <= FEW
+    with cluster(workers, scheduler) if workers or scheduler else nullcontext() as client:
+        kept = Store(store, record, columns, designs.total, size)
+        pending = kept.pending()
+        tell("compiling", kept.designs_done, designs.total)
+        points = designs.walk(map(kept.span, pending))
+        batches = zip(pending, points, strict=True)
+        answered = in_batches if client is None else functools.partial(on_cluster, client)
+        for number, found in answered(question, batches, size, quick=quick):
+            kept.write(number, found)
+            tell("exploring", kept.designs_done, designs.total)
     return open_exploration(store)
 
 
@@ -78,26 +83,6 @@ def _batch_size(given: int | None, modes: int, total: int) -> int:
     if given is not None and given < 1:
         raise ValueError(f"batch: found {given}; give at least 1.")
     return min(given or (BATCH_WITH_MODES if modes else BATCH), total)
-
-
-def _numbered(
-    designs: Designs, store: Store, pending: list[int]
-) -> Iterator[tuple[int, np.ndarray]]:
-    points = designs.walk(map(store.span, pending))
-    return zip(pending, points, strict=True)
-
-
-def _answered(
-    question: Question, batches, size: int, total: int, workers: int, scheduler: str | None
-) -> Iterator[tuple[int, Columns]]:
-    """Numbers and answers of the batches, in any order."""
-    # Chosen by the whole, not by what is left: resuming must give the same bits.
-    quick = total <= FEW
-    if not (workers or scheduler):
-        yield from in_batches(question, batches, size, quick=quick)
-        return
-    with cluster(workers, scheduler) as client:
-        yield from on_cluster(client, question, batches, size, quick=quick)
 
 
 def _columns(question: Question) -> list[Column]:

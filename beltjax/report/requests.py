@@ -29,7 +29,7 @@ def read_range(text: str, unit: str, fewest: int = 2) -> Float[np.ndarray, " poi
     parts = text.split(":")
     if len(parts) != 3:
         raise ValueError(f"found {text!r}; give FROM:TO:POINTS, such as 0:60:121")
-    lower, upper = read_interval(":".join(parts[:2]), unit)
+    lower, upper = _ends(text, parts[:2], unit)
     if not parts[2].strip().isdecimal():
         raise ValueError(f"found {parts[2]!r} points in {text!r}; give a whole number")
     points = int(parts[2])
@@ -43,6 +43,10 @@ def read_interval(text: str, unit: str) -> tuple[float, float]:
     parts = text.split(":")
     if len(parts) != 2:
         raise ValueError(f"found {text!r}; give FROM:TO, such as 0:60")
+    return _ends(text, parts, unit)
+
+
+def _ends(text: str, parts: list[str], unit: str) -> tuple[float, float]:
     lower, upper = (to_si(_number(part), unit) for part in parts)
     if not lower < upper:
         raise ValueError(f"found {text!r}; give a range that ends above where it begins")

@@ -1,0 +1,111 @@
+"""The same store from a writer killed again and again, from a cluster, from two devices."""
+
+import os
+import random
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from drives import EXAMPLES
+from explorations import explored, files
+
+import beltjax as bj
+
+DESIGNS = 2000
+WORDS = "--over", "operation.torque.accessory=-40:10", "--over", "installation.tension=-50:900"
+WORDS += "--samples", DESIGNS, "--batch", 8, "--quantity", "coupling", "--quantity", "clearance"
+
+
+def command(store, *words):
+    drive = EXAMPLES / "three_pulley.toml"
+    words = [sys.executable, "-m", "beltjax", "explore", drive, *WORDS, "--out", store, *words]
+    return [str(word) for word in words]
+
+
+def marks(store):
+    folder = store / "done" / "c"
+    return len([path for path in folder.iterdir() if path.suffix == ""]) if folder.is_dir() else 0
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_killed_ten_times_and_resumed_is_the_same_to_the_bit(tmp_path):
+    environment = os.environ | {"JAX_COMPILATION_CACHE_DIR": str(tmp_path / "cache")}
+    whole, store = tmp_path / "whole.zarr", tmp_path / "store.zarr"
+    subprocess.run(command(whole), check=True, env=environment, capture_output=True)
+    rng = random.Random(0)
+    batches, seen = DESIGNS // 8, []
+    for kill in range(10):
+        process = subprocess.Popen(command(store), env=environment, stderr=subprocess.PIPE)
+        # Once while the store is begun, then at any moment of computing and writing.
+        if kill == 0:
+            while not list(tmp_path.glob(".store.zarr.new*")):
+                time.sleep(1e-4)
+        else:
+            while marks(store) < kill * batches // 11:
+                time.sleep(1e-3)
+            time.sleep(rng.uniform(0.0, 0.05))
+        process.kill()
+        process.communicate()
+        assert process.returncode == -9
+        seen.append(marks(store))
+    assert seen[0] == 0
+    assert all(np.diff(seen) > 0)
+    assert seen[-1] < batches
+    subprocess.run(command(store), check=True, env=environment, capture_output=True)
+    assert files(store) == files(whole)
+    assert not list(tmp_path.glob(".store*"))
+
+
+@pytest.mark.slow
+def test_two_dask_workers_write_the_same_store(tmp_path):
+    for name, options in (("one.zarr", {}), ("two.zarr", {"workers": 2})):
+        explored(tmp_path / name, **options)
+    assert files(tmp_path / "one.zarr") == files(tmp_path / "two.zarr")
+
+
+@pytest.mark.slow
+def test_dask_cluster_at_an_address_writes_the_same_store(tmp_path):
+    import distributed
+
+    options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
+    with distributed.LocalCluster(**options) as cluster:
+        explored(tmp_path / "far.zarr", scheduler=cluster.scheduler_address)
+    explored(tmp_path / "near.zarr")
+    assert files(tmp_path / "far.zarr") == files(tmp_path / "near.zarr")
+
+
+def test_scheduler_that_does_not_answer_is_one_line(monkeypatch, tmp_path):
+    monkeypatch.setattr("beltjax.optimize.cluster._PATIENCE", 0.2)
+    with pytest.raises(ValueError, match=r"scheduler: found 'tcp://127\.0\.0\.1:9', where none"):
+        explored(tmp_path / "store.zarr", scheduler="tcp://127.0.0.1:9")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_two_devices_share_each_batch(tmp_path):
+    # A batch of 8 is split in halves; one of 7 is filled up first.
+    explored(tmp_path / "one.zarr")
+    script = (
+        "import jax; jax.config.update('jax_enable_x64', True)\n"
+        "assert jax.local_device_count() == 2\n"
+        "from explorations import explored\n"
+        f"explored({str(tmp_path / 'two.zarr')!r})\n"
+        f"explored({str(tmp_path / 'odd.zarr')!r}, batch=7)\n"
+    )
+    devices = " --xla_force_host_platform_device_count=2"
+    environment = os.environ | {"XLA_FLAGS": os.environ["XLA_FLAGS"] + devices}
+    subprocess.run(
+        [sys.executable, "-c", script],
+        check=True,
+        env=environment | {"PYTHONPATH": os.path.dirname(__file__) + "/.."},
+    )
+    one, two, odd = (
+        bj.optimize.open_exploration(tmp_path / f"{name}.zarr") for name in ("one", "two", "odd")
+    )
+    for name in one.variables:
+        if name != "done":
+            for other in (two, odd):
+                np.testing.assert_allclose(other[name], one[name], rtol=1e-11)
