@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-BLOCKS = {"bvp": 4, "contact": 5, "moving_beam": 4, "vibration": 4}
-WRITTEN = {"vibration": ["sweep.nc"]}
+BLOCKS = {"bvp": 4, "contact": 5, "exploration": 4, "moving_beam": 4, "vibration": 4}
+WRITTEN = {"exploration": ["sample.zarr", "grid.zarr"], "vibration": ["sweep.nc"]}
 
 
 @pytest.mark.slow  # up to a minute each, most of it compiling

@@ -8,7 +8,6 @@ import jax
 import numpy as np
 import pytest
 import xarray
-from beltjax.optimize.designs import sobol
 from drives import EXAMPLES, example
 from explorations import BATCH, NUMBERS, QUANTITIES, explored, files
 from scipy.stats import qmc
@@ -181,7 +180,7 @@ def test_samples_are_one_sobol_sequence_however_it_is_cut():
     expected = qmc.scale(qmc.Sobol(2, rng=7).random(64), [-1.0, 0.0], [3.0, 1.0])
     for cuts in ([(0, 64)], [(0, 5), (5, 64)]):
         np.testing.assert_array_equal(np.concatenate(list(samples.walk(cuts))), expected)
-    later = np.concatenate(list(sobol(2, 7, [(3, 4), (40, 64)])))
+    later = np.concatenate(list(bj.optimize.designs.sobol(2, 7, [(3, 4), (40, 64)])))
     np.testing.assert_array_equal(later, qmc.Sobol(2, rng=7).random(64)[[3, *range(40, 64)]])
 
 
@@ -239,7 +238,7 @@ def test_command_writes_the_same_store_and_summarizes_it(run, whole, tmp_path):
     document = json.loads((tmp_path / "s.json").read_text())
     data = bj.optimize.open_exploration(whole)
     gamma = document["quantities"][0]
-    at = int(data.coupling.argmin())
+    at = int(data.coupling.argmin("design"))
     assert gamma["least"]["value"] == float(data.coupling[at])
     assert gamma["least"]["at"] == {name: float(data[name][at]) for name in NUMBERS}
     assert gamma["mean"] == pytest.approx(float(data.coupling.mean()), rel=1e-14)
