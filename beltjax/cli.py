@@ -160,6 +160,36 @@ def explore(
 
 @cli.command()
 @click.argument("drive_file", metavar="DRIVE.toml")
+@click.option(
+    "--within", multiple=True, metavar="NAME=SIZE", help="Anywhere up to SIZE from nominal."
+)
+@click.option(
+    "--deviation", multiple=True, metavar="NAME=SIZE", help="Normal, of that standard deviation."
+)
+@click.option(
+    "--quantity", multiple=True, metavar="NAME", help='As in a study; "coupling" unless given.'
+)
+@click.option("--samples", default=4096, show_default=True, help="Drives looked at.")
+@click.option("--seed", default=0, show_default=True, help="Of the sample.")
+@click.option("--quantile", default=0.99, show_default=True, help="Of the worst values.")
+@click.option("--indices", is_flag=True, help="Shares of the variance from a sample, by SALib.")
+@_json_option
+def robust(drive_file: str, quantity: tuple[str, ...], json_path: str | None, **given: Any) -> None:
+    """What tolerances make of a drive: means, deviations, quantiles, and which one matters.
+
+    For example --within "pulley.idler.center.x=0.5 mm" --deviation installation.tension=15.
+    """
+    _check_outputs(drive_file, json_path)
+    _prepare_jax()
+    with _busy("scattering the drive; the first run on a machine compiles"):
+        from beltjax.report.robust import Asked, robust_job
+
+        report = robust_job(drive_file, Asked(quantities=quantity or ("coupling",), **given))
+    _finish(report, json_path)
+
+
+@cli.command()
+@click.argument("drive_file", metavar="DRIVE.toml")
 @click.option("--crank", metavar="AMPLITUDE", help="Driver's rotation, zero to peak (rad).")
 @click.option("--torque", multiple=True, metavar="NAME=AMPLITUDE", help="On a pulley (N m).")
 @click.option("--order", type=float, help="Per rotation of the driver; 2 unless the file says.")

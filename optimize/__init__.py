@@ -27,6 +27,14 @@ from .postoptimal import number_value as number_value
 from .postoptimal import post_optimal as post_optimal
 from .quantities import Answers as Answers
 from .quantities import quantity as quantity
+from .robust import MeanPlus as MeanPlus
+from .robust import Robustness as Robustness
+from .robust import RobustValue as RobustValue
+from .robust import Spread as Spread
+from .robust import WorstQuantile as WorstQuantile
+from .robust import robust_value as robust_value
+from .robust import robustness as robustness
+from .robust import sensitivity_indices as sensitivity_indices
 from .search import History as History
 from .store import open_exploration as open_exploration
 from .study import Cases as Cases
@@ -34,3 +42,9 @@ from .study import Choice as Choice
 from .study import Limits as Limits
 from .study import Option as Option
 from .study import Study as Study
+from .uncertainty import Indices as Indices
+from .uncertainty import Normal as Normal
+from .uncertainty import Uniform as Uniform
+from .uncertainty import linear_moments as linear_moments
+from .uncertainty import smooth_quantile as smooth_quantile
+from .uncertainty import sobol_indices as sobol_indices

@@ -9,7 +9,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from beltjax.drive.components import Drive, OperatingPoint
+from beltjax.drive.components import Drive, OperatingPoint, concrete
 from beltjax.drive.variables import unit_of, value_of, variable_names, with_values
 
 TORQUE = "operation.torque."
@@ -76,8 +76,12 @@ def _given(table: str, part: Any, fields: tuple[str, ...]) -> list[str]:
 
 
 def _takes_torque(pulley: Any) -> bool:
-    """Whether a pulley is neither the driver, which balances torques, nor an idler on the arm."""
-    return not float(pulley.driver) and not float(pulley.on_arm)
+    """Whether a pulley is neither the driver, which balances torques, nor an idler on the arm.
+
+    While JAX traces which of them it is, any pulley may take one.
+    """
+    flags = [concrete(flag) for flag in (pulley.driver, pulley.on_arm)]
+    return all(flag is None or not flag for flag in flags)
 
 
 def _with_field(drive: Drive, words: list[str], value: Float[Array, ""]) -> Drive:

@@ -69,6 +69,14 @@ def read_amplitude(text: str, unit: str) -> float:
     return amplitude
 
 
+def read_size(text: str, unit: str) -> float:
+    """The size of a tolerance [SI]."""
+    size = to_si(_number(text), unit)
+    if not size > 0:
+        raise ValueError(f"found {text!r}; a tolerance is positive")
+    return size
+
+
 def read_orders(text: str) -> tuple[float, ...]:
     """Orders of excitation, "2,4"."""
     orders = tuple(to_si(_number(part), "") for part in text.split(","))
