@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-BLOCKS = {"bvp": 4, "contact": 5, "exploration": 4, "moving_beam": 4, "vibration": 4}
+BLOCKS = {"bvp": 4, "contact": 5, "exploration": 4, "moving_beam": 4, "robust": 4, "vibration": 4}
 WRITTEN = {"exploration": ["sample.zarr", "grid.zarr"], "vibration": ["sweep.nc"]}
 
 
