@@ -1,6 +1,7 @@
 """One question put to many designs at once: compiled once, in batches of one size."""
 
 import functools
+import importlib.metadata
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -65,6 +66,12 @@ class Question(eqx.Module):
         return {
             name: found[name].shape[1] if found[name].ndim > 1 else None for name in self.quantities
         }
+
+
+def library_versions() -> dict[str, str]:
+    """What computes the answers: other versions may differ in the last digits."""
+    libraries = ("beltjax", "jax", "jaxlib", "scipy")
+    return {name: importlib.metadata.version(name) for name in libraries}
 
 
 def answers(question: Question, values: np.ndarray, *, quick: bool) -> dict[str, Array]:

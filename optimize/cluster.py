@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from .batches import Columns, Question, batch_columns
+from .batches import Columns, Question, batch_columns, library_versions
 
 _IN_FLIGHT = 2  # batches a worker holds, so that none waits for the next
 _KEPT = "what is written is intact: repeat the command to go on"
@@ -35,7 +35,7 @@ def cluster(workers: int, scheduler: str | None) -> Iterator[Any]:
             n_workers=workers,
             threads_per_worker=1,
             processes=True,
-            dashboard_address=None,
+            dashboard_address=":0",
             silence_logs=logging.CRITICAL,
         )
         with processes, distributed.Client(processes) as client:
@@ -60,17 +60,17 @@ def on_cluster(
 ) -> Iterator[tuple[int, Columns]]:
     """Answers to numbered batches as they come; few are under way, however many there are.
 
-    Raises `ValueError` where the cluster is lost.
+    Raises `ValueError` where the cluster is lost or has other versions of the libraries.
     """
     distributed = importlib.import_module("distributed")
     # As bytes: unpacked before double precision is set, its numbers would lose half their digits.
-    packed = pickle.dumps(question)
+    packed, versions = pickle.dumps(question), library_versions()
     waiting = iter(batches)
     numbers: dict[Any, int] = {}
 
     def submit() -> Any:
         for number, values in waiting:
-            future = client.submit(answer_packed, packed, values, size, quick, pure=False)
+            future = client.submit(answer_packed, packed, versions, values, size, quick, pure=False)
             numbers[future.key] = number
             return future
         return None
@@ -89,8 +89,14 @@ def on_cluster(
         yield numbers.pop(future.key), columns
 
 
-def answer_packed(packed: bytes, values: np.ndarray, size: int, quick: bool) -> Columns:
-    """Answers to one batch, in a worker's process."""
+def answer_packed(
+    packed: bytes, versions: dict[str, str], values: np.ndarray, size: int, quick: bool
+) -> Columns:
+    """Answers to one batch, in a worker's process; raises `ValueError` for other versions."""
+    own = library_versions()
+    if own != versions:
+        message = f"a worker has {own} and not {versions}; install the same versions there"
+        raise ValueError(message)
     jax.config.update("jax_enable_x64", True)
     return batch_columns(_unpacked(packed), values, size, quick=quick)
 

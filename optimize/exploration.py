@@ -1,7 +1,6 @@
 """Explorations: many designs, their quantities and modes, in a store that can be resumed."""
 
 import functools
-import importlib.metadata
 import os
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
@@ -14,7 +13,7 @@ from beltjax.drive.files import drive_content
 from beltjax.drive.numbers import unit_of_number
 from beltjax.numerics.bases import AbstractBasis
 
-from .batches import FEW, FREQUENCY, Question, in_batches
+from .batches import FEW, FREQUENCY, Question, in_batches, library_versions
 from .cluster import cluster, on_cluster
 from .designs import Designs
 from .quantities import quantity
@@ -66,8 +65,10 @@ def explore(
     tell = advance or (lambda stage, done, total: None)
     # Chosen by the whole, not by what is left: resuming must give the same bits.
     quick = designs.total <= FEW
-    with cluster(workers, scheduler) if workers or scheduler else nullcontext() as client:
-        kept = Store(store, record, columns, designs.total, size)
+    with (
+        cluster(workers, scheduler) if workers or scheduler else nullcontext() as client,
+        Store(store, record, columns, designs.total, size) as kept,
+    ):
         pending = kept.pending()
         tell("compiling", kept.designs_done, designs.total)
         points = designs.walk(map(kept.span, pending))
@@ -96,7 +97,6 @@ def _columns(question: Question) -> list[Column]:
 
 def _record(question: Question, designs: Designs, size: int) -> dict[str, Any]:
     """Everything that the answers depend on, to the last bit."""
-    libraries = ("beltjax", "jax", "jaxlib", "scipy")
     return {
         "drive": drive_content(question.drive, question.point),
         "designs": designs.record(),
@@ -104,5 +104,5 @@ def _record(question: Question, designs: Designs, size: int) -> dict[str, Any]:
         "modes": question.modes,
         "basis": repr(question.basis),
         "batch": size,
-        "versions": {name: importlib.metadata.version(name) for name in libraries},
+        "versions": library_versions(),
     }

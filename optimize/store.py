@@ -6,6 +6,7 @@ what is not marked is done again.
 """
 
 import contextlib
+import fcntl
 import importlib
 import json
 import os
@@ -42,8 +43,8 @@ class Store:
     """The answers to `total` designs in batches of `size`, at a path.
 
     `record` says in plain data what was asked; a store that holds another one is refused.
-    Raises `FileError` for that, for a path that holds something else, and where the file system
-    fails, with what is left intact.
+    Raises `FileError` for that, for a path that holds something else or that another process
+    writes, and where the file system fails, with what is left intact.
     """
 
     def __init__(
@@ -62,10 +63,17 @@ class Store:
                 self._create(record, columns)
         self._group = self._opened()
         self._require_same(record)
+        self._lock = self._locked()
         with self._saving("the store was read"):
             self.done = np.asarray(self._group[DONE][:]) != 0
             for torn in self.path.rglob("*.partial"):  # of a writer that was killed
                 torn.unlink()
+
+    def __enter__(self) -> "Store":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.close(self._lock)
 
     def pending(self) -> list[int]:
         """Numbers of the batches that are still to be done."""
@@ -145,6 +153,19 @@ class Store:
             message = "is there already and is no exploration; give another path"
             raise FileError(self.path, "", message) from error
         return group
+
+    def _locked(self) -> int:
+        """A hold on the store that ends with this process, however it ends."""
+        hold = os.open(self.path / "zarr.json", os.O_RDONLY)
+        try:
+            fcntl.flock(hold, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            os.close(hold)
+            message = "another process is writing it; wait for it, or give another path"
+            raise FileError(self.path, "", message) from error
+        except OSError:
+            pass  # a file system without locks
+        return hold
 
     def _require_same(self, record: Mapping[str, Any]) -> None:
         differs = _difference(self._group.attrs[_RECORD], record)

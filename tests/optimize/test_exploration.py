@@ -139,6 +139,18 @@ def test_path_that_holds_something_else_is_left_alone(tmp_path):
     assert (tmp_path / "notes" / "a.txt").read_text() == "mine"
 
 
+def test_store_has_one_writer(tmp_path):
+    store = tmp_path / "store.zarr"
+
+    def second(stage, done, total):
+        if stage == "exploring":
+            explored(store)
+
+    with pytest.raises(bj.FileError, match=r"store\.zarr: another process is writing it; wait"):
+        explored(store, advance=second)
+    explored(store)  # the first has let go of it
+
+
 def test_full_disk_leaves_what_is_written(whole, tmp_path):
     store = tmp_path / "store.zarr"
     before = resource.getrlimit(resource.RLIMIT_FSIZE)

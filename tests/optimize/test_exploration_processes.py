@@ -6,7 +6,9 @@ import subprocess
 import sys
 import time
 
+import distributed
 import numpy as np
+import psutil
 import pytest
 from drives import EXAMPLES
 from explorations import explored, files
@@ -68,9 +70,7 @@ def test_two_dask_workers_write_the_same_store(tmp_path):
 
 @pytest.mark.slow
 def test_dask_cluster_at_an_address_writes_the_same_store(tmp_path):
-    import distributed
-
-    options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
+    options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": ":0"}
     with distributed.LocalCluster(**options) as cluster:
         explored(tmp_path / "far.zarr", scheduler=cluster.scheduler_address)
     explored(tmp_path / "near.zarr")
@@ -82,6 +82,46 @@ def test_scheduler_that_does_not_answer_is_one_line(monkeypatch, tmp_path):
     with pytest.raises(ValueError, match=r"scheduler: found 'tcp://127\.0\.0\.1:9', where none"):
         explored(tmp_path / "store.zarr", scheduler="tcp://127.0.0.1:9")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_worker_of_another_version_is_one_line():
+    with pytest.raises(ValueError, match=r"a worker has .*'beltjax'.* install the same versions"):
+        bj.optimize.cluster.answer_packed(b"", {"beltjax": "0.0"}, np.zeros((1, 1)), 1, True)
+
+
+@pytest.mark.slow
+def test_worker_that_is_killed_is_replaced(tmp_path):
+    killed = []
+
+    def kill(stage, done, total):
+        if done == 16:
+            for process in psutil.Process().children(recursive=True):
+                if "spawn_main" in " ".join(process.cmdline()):
+                    process.kill()
+                    killed.append(process.pid)
+
+    explored(tmp_path / "store.zarr", workers=1, advance=kill)
+    assert len(killed) == 1
+    explored(tmp_path / "whole.zarr")
+    assert files(tmp_path / "store.zarr") == files(tmp_path / "whole.zarr")
+
+
+@pytest.mark.slow
+def test_cluster_that_is_lost_is_one_line_and_the_store_goes_on(tmp_path):
+    store = tmp_path / "store.zarr"
+    cluster = distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs=50
+    )
+
+    def close(stage, done, total):
+        if done == 16:
+            cluster.close()
+
+    with pytest.raises(ValueError, match=r"the cluster was lost; what is written is intact"):
+        explored(store, scheduler=cluster.scheduler_address, advance=close)
+    explored(store)
+    explored(tmp_path / "whole.zarr")
+    assert files(store) == files(tmp_path / "whole.zarr")
 
 
 @pytest.mark.slow
