@@ -10,7 +10,7 @@ import distributed
 import numpy as np
 import psutil
 import pytest
-from drives import EXAMPLES
+from drives import EXAMPLES, example
 from explorations import explored, files
 
 import beltjax as bj
@@ -149,3 +149,36 @@ def test_two_devices_share_each_batch(tmp_path):
         if name != "done":
             for other in (two, odd):
                 np.testing.assert_allclose(other[name], one[name], rtol=1e-11)
+
+
+@pytest.mark.slow
+def test_frequencies_are_those_of_the_single_design(tmp_path):
+    drive, point = example("three_pulley")
+    speeds, tensions = [0.0, 10.0, 20.0], [-1.0, float(drive.installation.tension)]
+    grid = bj.optimize.Grid({"operation.belt_speed": speeds, "installation.tension": tensions})
+    basis = bj.Legendre(12)
+    store = tmp_path / "store.zarr"
+    data = bj.optimize.explore(drive, point, grid, ["coupling"], store, modes=3, basis=basis)
+    assert data.frequency.attrs["units"] == "rad/s"
+    assert data.frequency.dims == ("design", "mode")
+    for k, speed in zip((1, 3, 5), speeds, strict=True):
+        steady = bj.steady_state(drive, bj.OperatingPoint(belt_speed=speed))
+        alone = bj.modes(bj.linearize(steady, basis), 3)
+        np.testing.assert_allclose(data.frequency[k], alone.frequencies, rtol=1e-9)
+        assert np.isnan(data.frequency[k - 1]).all()
+    with pytest.raises(bj.FileError, match=r"basis: was begun with .*12.* and is now asked for"):
+        bj.optimize.explore(drive, point, grid, ["coupling"], store, modes=3)
+
+
+@pytest.mark.slow
+def test_drive_slips_beyond_its_largest_torque(tmp_path):
+    drive, point = example("two_pulley_table_5_1")
+    (name,) = point.torque
+    most = float(bj.maximum_moment(drive, point).torque_factor) * float(point.torque[name])
+    grid = bj.optimize.Grid({f"operation.torque.{name}": most * np.array([0.5, 0.99, 1.01])})
+    data = bj.optimize.explore(drive, point, grid, ["coupling", "efficiency"], tmp_path / "s.zarr")
+    flags = dict(zip(data.result.flag_values, data.result.flag_meanings.split(), strict=True))
+    results = [flags[code] for code in data.result.values]
+    assert results == ["successful", "successful", "gross_slip"]
+    assert np.isfinite(data.coupling).all()
+    assert data.efficiency[0] > data.efficiency[1]
