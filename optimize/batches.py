@@ -22,7 +22,7 @@ from beltjax.numerics.bases import AbstractBasis
 from beltjax.numerics.compilation import quickly_compiled
 from beltjax.results import RESULTS, code, succeeded
 
-from .quantities import MANY, Answers, quantity
+from .quantities import Answers, is_forced, is_many, quantity
 
 RESULT, FREQUENCY = "result", "frequency"
 # Designs up to which compiling quickly saves more than running quickly.
@@ -52,6 +52,8 @@ class Question(eqx.Module):
                 quantity(name, self.drive)
             except KeyError as error:
                 raise ValueError(str(error.args[0])) from error
+            if is_forced(name) and self.point.excitation is None:
+                raise ValueError(f"{name!r} needs [excitation] in the drive file; add it there")
         if len(set(self.quantities)) < len(self.quantities):
             raise ValueError("quantities: one is given twice; remove it")
         if self.modes:
@@ -59,7 +61,7 @@ class Question(eqx.Module):
 
     def parts(self) -> dict[str, int | None]:
         """How many numbers each quantity is; None for a plain number."""
-        if not set(self.quantities) & set(MANY):
+        if not any(map(is_many, self.quantities)):
             return dict.fromkeys(self.quantities)
         blank = jnp.zeros((1, len(self.names)))
         found = eqx.filter_eval_shape(_answers, self, blank)
@@ -160,7 +162,7 @@ def _answer(question: Question, values: Float[Array, " numbers"]) -> dict[str, A
     found = {name: quantity(name, drive).measure(of) for name in question.quantities}
     runs = of.found()
     found = {
-        name: jnp.where(runs, x if name in MANY else x[0], jnp.nan) for name, x in found.items()
+        name: jnp.where(runs, x if is_many(name) else x[0], jnp.nan) for name, x in found.items()
     }
     result = _result(of)
     if question.modes:
@@ -172,9 +174,9 @@ def _answer(question: Question, values: Float[Array, " numbers"]) -> dict[str, A
 
 
 def _result(of: Answers) -> RESULTS:
-    """The first failure of what was asked: the running belt, then its contact."""
+    """The first failure of what was asked: the running belt, then what was made of it."""
     result = of.steady.result
-    for analysis in ("contact", "slipping"):
+    for analysis in ("contact", "slipping", "modes", "response"):
         if analysis in vars(of):  # asked for, and kept there
             own = getattr(of, analysis).result
             result = RESULTS.where(succeeded(result), own, result)
