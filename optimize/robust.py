@@ -76,6 +76,11 @@ class WorstQuantile(eqx.Module):
     quantile: float = 0.99
     sharpness: float = 20.0
 
+    def __check_init__(self):
+        if not (0 < self.quantile < 1 and self.sharpness > 0):
+            found = f"{self.quantile:g} and {self.sharpness:g}"
+            raise ValueError(f"WorstQuantile: found {found}; give 0 < quantile < 1, sharpness > 0.")
+
 
 def robustness(
     drive: Drive,

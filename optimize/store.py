@@ -6,7 +6,6 @@ what is not marked is done again.
 """
 
 import contextlib
-import fcntl
 import importlib
 import json
 import os
@@ -43,8 +42,8 @@ class Store:
     """The answers to `total` designs in batches of `size`, at a path.
 
     `record` says in plain data what was asked; a store that holds another one is refused.
-    Raises `FileError` for that, for a path that holds something else or that another process
-    writes, and where the file system fails, with what is left intact.
+    Raises `FileError` for that, for a path that holds something else, lies in no folder or is
+    written by another process, and where the file system fails, with what is left intact.
     """
 
     def __init__(
@@ -59,6 +58,8 @@ class Store:
         self._zarr = _library("zarr", "explore")
         record = json.loads(json.dumps(record))
         if not self.path.exists():
+            if not self.path.absolute().parent.is_dir():
+                raise FileError(path, "", "lies in no folder; give a path in one that exists")
             with self._saving("the store was begun"):
                 self._create(record, columns)
         self._group = self._opened()
@@ -158,13 +159,14 @@ class Store:
         """A hold on the store that ends with this process, however it ends."""
         hold = os.open(self.path / "zarr.json", os.O_RDONLY)
         try:
-            fcntl.flock(hold, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            locks = importlib.import_module("fcntl")
+            locks.flock(hold, locks.LOCK_EX | locks.LOCK_NB)
         except BlockingIOError as error:
             os.close(hold)
             message = "another process is writing it; wait for it, or give another path"
             raise FileError(self.path, "", message) from error
-        except OSError:
-            pass  # a file system without locks
+        except (ImportError, OSError):
+            pass  # a system or a file system without such locks
         return hold
 
     def _require_same(self, record: Mapping[str, Any]) -> None:

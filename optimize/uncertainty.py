@@ -15,7 +15,7 @@ import numpy as np
 from jax.scipy.special import ndtri
 from jaxtyping import Array, Float
 
-from beltjax.drive.components import as_real
+from beltjax.drive.components import as_real, concrete
 
 from .designs import sobol
 
@@ -28,6 +28,9 @@ class Normal(eqx.Module):
     """A number scattered normally about its nominal value."""
 
     deviation: Float[Array, ""] = eqx.field(converter=as_real)  # standard, in the number's SI unit
+
+    def __check_init__(self):
+        _require_not_negative("Normal.deviation", self.deviation)
 
     @property
     def standard(self) -> Float[Array, ""]:
@@ -44,6 +47,9 @@ class Uniform(eqx.Module):
 
     half_width: Float[Array, ""] = eqx.field(converter=as_real)  # in the number's SI unit
 
+    def __check_init__(self):
+        _require_not_negative("Uniform.half_width", self.half_width)
+
     @property
     def standard(self) -> Float[Array, ""]:
         """Standard deviation."""
@@ -52,6 +58,12 @@ class Uniform(eqx.Module):
     def at(self, points: Array) -> Array:
         """Deviations from the nominal value at probabilities in (0, 1)."""
         return self.half_width * (2 * points - 1)
+
+
+def _require_not_negative(what: str, size: Array) -> None:
+    known = concrete(size)
+    if known is not None and not (np.isfinite(known) and known >= 0):
+        raise ValueError(f"{what}: found {known}; give a size, 0 or more.")
 
 
 Tolerance = Normal | Uniform

@@ -172,10 +172,18 @@ def test_full_disk_leaves_what_is_written(whole, tmp_path):
     assert files(store) == files(whole)
 
 
-def test_folder_that_cannot_be_written_is_one_line(tmp_path):
+def test_store_that_cannot_be_begun_is_one_line(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(bj.FileError, match=r"file system failed when the store was begun \(Not a"):
-        explored(tmp_path / "file" / "store.zarr")
+    for folder in ("file", "nothing"):
+        with pytest.raises(bj.FileError, match=r"lies in no folder; give a path in one that"):
+            explored(tmp_path / folder / "store.zarr")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, before[1]))
+    try:
+        with pytest.raises(bj.FileError, match=r"file system failed when the store was begun \("):
+            explored(tmp_path / "store.zarr")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 

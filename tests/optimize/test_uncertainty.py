@@ -113,3 +113,17 @@ def test_without_salib_the_remedy_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "SALib.sample.sobol", None)
     with pytest.raises(ValueError, match=r"SALib is not installed: pip install"):
         bj.optimize.sobol_indices(np.cos, np.zeros(1), {"a": Normal(1.0)})
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: Normal(-1.0), r"Normal\.deviation: found -1\.0; give a size, 0 or more"),
+        (lambda: Uniform(np.inf), r"Uniform\.half_width: found inf; give a size"),
+        (lambda: bj.optimize.WorstQuantile(1.0), "found 1 and 20; give 0 < quantile < 1"),
+        (lambda: bj.optimize.WorstQuantile(0.9, 0.0), "found 0.9 and 0; give"),
+    ],
+)
+def test_sizes_that_are_none(make, says):
+    with pytest.raises(ValueError, match=says):
+        make()
