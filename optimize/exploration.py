@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
 
+import jax
+
 from beltjax.analysis.linearization import has_inertias
 from beltjax.analysis.sweep import BASIS
 from beltjax.drive.components import Drive, OperatingPoint
@@ -105,4 +107,5 @@ def _record(question: Question, designs: Designs, size: int) -> dict[str, Any]:
         "basis": repr(question.basis),
         "batch": size,
         "versions": library_versions(),
+        "devices": f"{jax.local_device_count()} {jax.default_backend()}",
     }

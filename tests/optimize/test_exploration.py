@@ -15,6 +15,7 @@ from scipy.stats import qmc
 import beltjax as bj
 from beltjax.drive.numbers import number_names, number_value, with_number, with_numbers
 from beltjax.numerics.compilation import quickly_compiled
+from beltjax.report import exploration
 from beltjax.results import outcomes
 
 
@@ -293,6 +294,16 @@ def test_bad_question_is_one_line_and_writes_nothing(case, run, tmp_path):
     assert (status, out, err.count("\n")) == (1, "", 1)
     assert re.search(says, err)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_progress_tells_rate_and_time_left_of_this_run(monkeypatch):
+    clock, told = iter([0.0, 5.0, 7.0, 12.0]), []
+    monkeypatch.setattr(exploration.time, "monotonic", lambda: next(clock))
+    pace = exploration._Pace(lambda stage, done, total: told.append(stage))
+    for stage, done in (("compiling", 1000), ("exploring", 1010), ("exploring", 1030)):
+        pace(stage, done, 2000)
+    assert told[-1] == "exploring: 1,030 of 2,000, 10 designs/s, 0:01:37 left"
+    assert pace.before == 1000
 
 
 def test_nothing_that_runs_is_an_answer(run, tmp_path):

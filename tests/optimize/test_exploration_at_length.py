@@ -1,12 +1,12 @@
 """The same store from a writer killed again and again, from a cluster, from two devices."""
 
+import importlib
 import os
 import random
 import subprocess
 import sys
 import time
 
-import distributed
 import numpy as np
 import psutil
 import pytest
@@ -29,6 +29,13 @@ def command(store, *words):
 def marks(store):
     folder = store / "done" / "c"
     return len([path for path in folder.iterdir() if path.suffix == ""]) if folder.is_dir() else 0
+
+
+def local_cluster():
+    distributed = importlib.import_module("distributed")  # slow to load
+    return distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs=50
+    )
 
 
 @pytest.mark.slow
@@ -70,13 +77,13 @@ def test_two_dask_workers_write_the_same_store(tmp_path):
 
 @pytest.mark.slow
 def test_dask_cluster_at_an_address_writes_the_same_store(tmp_path):
-    options = {"n_workers": 1, "threads_per_worker": 1, "dashboard_address": ":0"}
-    with distributed.LocalCluster(**options) as cluster:
+    with local_cluster() as cluster:
         explored(tmp_path / "far.zarr", scheduler=cluster.scheduler_address)
     explored(tmp_path / "near.zarr")
     assert files(tmp_path / "far.zarr") == files(tmp_path / "near.zarr")
 
 
+@pytest.mark.slow
 def test_scheduler_that_does_not_answer_is_one_line(monkeypatch, tmp_path):
     monkeypatch.setattr("beltjax.optimize.cluster._PATIENCE", 0.2)
     with pytest.raises(ValueError, match=r"scheduler: found 'tcp://127\.0\.0\.1:9', where none"):
@@ -109,9 +116,7 @@ def test_worker_that_is_killed_is_replaced(tmp_path):
 @pytest.mark.slow
 def test_cluster_that_is_lost_is_one_line_and_the_store_goes_on(tmp_path):
     store = tmp_path / "store.zarr"
-    cluster = distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs=50
-    )
+    cluster = local_cluster()
 
     def close(stage, done, total):
         if done == 16:
