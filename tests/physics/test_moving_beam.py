@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from moving_beams import SMALL, solved
 from published import assert_matches_print
-from published_beam import TABLE_2_1
+from beltjax.report.validation.printed.beam import TABLE_2_1
 from scipy.optimize import brentq
 
 from beltjax.physics import moving_beam as beam
