@@ -79,4 +79,11 @@ TABLE_3_3 = [
     ),
 ]
 
-LARGEST_TORQUE = 37.34  # M_1 of Fig. 3.4 [N m]
+# Figs. 3.4 and 3.9: the driver's largest torque M_1 [N m], and the P_1 it leaves.
+LARGEST_TORQUE = 37.34
+LEAST_TENSION = Value(
+    "0.8119",
+    "the source does not say how the belt on the pulleys stretches: 0.8131 under the mean of the "
+    "adjacent tensions, 0.8589 if it does not and the angles are held, which is the rule that "
+    "gives the 0.9395 of Fig. 3.13",
+)
