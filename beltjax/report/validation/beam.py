@@ -88,7 +88,7 @@ def _figure_2_2() -> Plate:
     r = jax.vmap(lambda e: jnp.stack([*exact_roots(e, v, omega)]))(jnp.asarray(eps))
     sent = np.asarray(jax.vmap(lambda r: reflection("simple", r).R_A)(tuple(r.T)))
     exact = np.abs(np.angle(-sent))
-    figure, (plane, orders) = panels(1, 2)
+    figure, (plane, orders) = panels(2, 1)
     for number, name, color in ((above[-1], "numerator", 0), (below[-1], "denominator", 1)):
         plane.annotate("", (number.real, number.imag), (0, 0),
                        arrowprops={"arrowstyle": "-|>", "color": COLORS[color], "lw": 1.8})  # fmt: skip

@@ -54,7 +54,7 @@ def _curves(
         for route, method, style in routes:
             total = sampled(method, **numbers).coupling.sum(axis=1)
             label = f"{route}, {name}" if name else route
-            axes.plot(x, total, style, color=color, label=label)
+            axes.plot(x, total, style, color=color if style == "-" else "black", label=label)
             kept[label.replace("η = ", "eta_").replace(", ", "_")] = (key, total, "1")
             for end in (0, -1):
                 said = f"Gamma, {label.replace('η', 'eta')}, {key} = {x[end]:.6g}"

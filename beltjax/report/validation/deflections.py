@@ -131,7 +131,7 @@ def _lines_plate(number: str, case: printed.Case) -> Plate:
     found = {
         name: sampled(method, eps=case.eps, s=case.s, P=case.P) for name, method in METHODS.items()
     }
-    figure, axes = panels(1, 2)
+    figure, axes = panels(2, 1)
     styles = {"exact": "-", "perturbation": "--", "linear": ":"}
     lines = []
     for i, panel, factor, power in ((0, axes[0], 1e3, "10⁻³"), (2, axes[1], 1e4, "10⁻⁴")):

@@ -58,12 +58,12 @@ def panels(rows: int, columns: int, wide: float = 6.4, high: float = 4.2, **opti
 def surfaces(
     grids: list[tuple[np.ndarray, np.ndarray, np.ndarray]], labels: list[tuple[str, str, str]]
 ) -> Figure:
-    """Surfaces side by side: x [n], y [m] and z [m, n], with what their axes mean."""
+    """Surfaces below each other: x [n], y [m] and z [m, n], with what their axes mean."""
     with matplotlib.rc_context({**STYLE, "font.size": 10}):
-        figure = Figure(figsize=(5.6 * len(grids), 4.8))
+        figure = Figure(figsize=(6.4, 5.2 * len(grids)))
         FigureCanvasAgg(figure)
         for place, ((x, y, z), named) in enumerate(zip(grids, labels, strict=True)):
-            axes = figure.add_subplot(1, len(grids), place + 1, projection="3d")
+            axes = figure.add_subplot(len(grids), 1, place + 1, projection="3d")
             assert isinstance(axes, Axes3D)
             # Faces one by one would make an SVG of megabytes.
             axes.plot_surface(
@@ -72,11 +72,11 @@ def surfaces(
             )  # fmt: skip
             axes.set_xlabel(named[0], labelpad=6)
             axes.set_ylabel(named[1], labelpad=8)
-            axes.set_zlabel(named[2], labelpad=10)
+            axes.set_zlabel(named[2], labelpad=14)
             axes.tick_params(axis="z", pad=5)
             axes.view_init(elev=28, azim=-52)
-            axes.set_box_aspect(None, zoom=0.82)
-        figure.subplots_adjust(left=0.01, right=0.95, bottom=0.06, top=0.98, wspace=0.12)
+            axes.set_box_aspect(None, zoom=0.9)
+        figure.subplots_adjust(left=0.0, right=0.92, bottom=0.04, top=1.0, hspace=0.02)
     return figure
 
 
