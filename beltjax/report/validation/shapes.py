@@ -18,7 +18,7 @@ from beltjax.report.validation.printed import steady, vibration
 from beltjax.report.validation.spectra import Curves
 from beltjax.report.validation.verdicts import compared, shown
 
-_ENLARGED = 5.0  # steady deflections in these pictures
+_ENLARGED = 2.0  # steady deflections in these pictures
 _FIFTH = 4  # place of the mode of Fig. 4.10
 _ORIENTATIONS = (steady.BETA_INEFFECTIVE, steady.BETA_HALF, steady.BETA)
 

@@ -157,7 +157,7 @@ def _spectrum(
     axes.margins(x=0)
     named(axes, over, _OMEGA, legend=False)
     if len(families) > 1:
-        axes.legend(frameon=True, framealpha=0.9, fontsize=10, loc="lower right")
+        axes.legend(frameon=False, fontsize=10, ncols=2, loc="lower left", bbox_to_anchor=(0, 1))
     kinds: dict[str, Any] = {f"family_{k + 1}": name for k, name in enumerate(families)}
     data = dataset(f"Natural frequencies over {over}", coordinates, variables)
     return Plate(number, figure, data.assign_attrs(kinds), tuple(lines))
