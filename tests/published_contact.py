@@ -1,4 +1,4 @@
-"""Converged values of chapter 5 beside those that are printed, with the digits they are known to."""
+"""Converged values of chapter 5 beside the printed ones, with the digits they are known to."""
 
 from beltjax.report.validation.printed.contact import CRITICAL_SPEED as CRITICAL_SPEED
 from beltjax.report.validation.printed.contact import FIGURE_5_7 as FIGURE_5_7

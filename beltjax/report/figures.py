@@ -133,7 +133,9 @@ def draw_mode(
     steady = modes.linearization.steady
     for i, w in enumerate(spans):
         start, end, normal = (np.asarray(part[i]) for part in (at.starts, at.ends, at.normals))
-        rest = enlarged * float(at.span_lengths[i]) * np.asarray(steady.deflection(i, jnp.asarray(x)))
+        rest = (
+            enlarged * float(at.span_lengths[i]) * np.asarray(steady.deflection(i, jnp.asarray(x)))
+        )
         line = start + x[:, None] * (end - start) + rest[:, None] * normal
         if enlarged:
             axes.plot(*(1e3 * line.T), "--", color="black", linewidth=1.2)

@@ -90,8 +90,8 @@ def _figure_2_2() -> Plate:
     exact = np.abs(np.angle(-sent))
     figure, (plane, orders) = panels(2, 1)
     for number, name, color in ((above[-1], "numerator", 0), (below[-1], "denominator", 1)):
-        plane.annotate("", (number.real, number.imag), (0, 0),
-                       arrowprops={"arrowstyle": "-|>", "color": COLORS[color], "lw": 1.8})  # fmt: skip
+        arrow = {"arrowstyle": "-|>", "color": COLORS[color], "lw": 1.8}
+        plane.annotate("", (number.real, number.imag), (0, 0), arrowprops=arrow)
         plane.plot([], [], color=COLORS[color], label=f"{name} of D = -R_A")
     plane.set_xlim(-1.05, 0.1)
     plane.set_ylim(-0.02, 0.25)

@@ -13,7 +13,7 @@ from beltjax.analysis.contact import ContactState, asked, contact_solution
 from beltjax.numerics.compilation import quickly_compiled
 from beltjax.report.validation.drives import two_pulleys
 from beltjax.report.validation.printed import contact as printed
-from beltjax.report.validation.verdicts import Line, compared
+from beltjax.report.validation.verdicts import MISPRINT, Line, compared
 
 LOADED = tuple(EI for EI in printed.STIFFNESSES if EI)  # those whose belt is drawn
 SPEEDS = np.linspace(0.0, 0.8, 17)  # C = c/c_cr of Fig. 5.8
@@ -107,6 +107,7 @@ def tables(answers: Answers) -> list[Line]:
     return [
         compared("Table 5.1", "L = pi R1 (m)", printed.EQUAL_SPAN, printed.EQUAL["L"]),
         *_table_5_2(answers),
+        Line("Table 5.3", "unit of m0", "kg/s", "kg/m", MISPRINT, printed.UNIT),
         compared("Table 5.3", "c_cr (m/s)", printed.CRITICAL, critical),
     ]
 

@@ -18,7 +18,14 @@ from beltjax.report.validation.contact import (
     departures,
     fixed_boundaries,
 )
-from beltjax.report.validation.plates import COLORS, Plate, dataset, named, panels
+from beltjax.report.validation.plates import (
+    COLORS,
+    Plate,
+    dataset,
+    legend_above,
+    named,
+    panels,
+)
 from beltjax.report.validation.printed import contact as printed
 from beltjax.report.validation.verdicts import Line, compared, shown
 
@@ -87,12 +94,13 @@ def _along_spans(answers: Answers) -> Plate:
             axes[2 * row].plot(x, piece.tension, color=color, label=label)
             axes[2 * row + 1].plot(x, piece.speed, color=color, label=label)
             kept.append((x, piece.tension, piece.speed))
-            said = f"of the {name} span at its ends, EI = {printed.STIFFNESSES[k]:g}"
+            said = f"of the {name} span at its start, EI = {printed.STIFFNESSES[k]:g}"
             lines.append(shown("Fig. 5.5", f"tension (N) {said}", piece.tension[0]))
             lines.append(shown("Fig. 5.5", f"speed (m/s) {said}", piece.speed[0]))
-        named(axes[2 * row], f"x of the free {name} span (m)", "tension (N)")
-        named(axes[2 * row + 1], f"x of the free {name} span (m)", "speed (m/s)")
+        named(axes[2 * row], f"x of the free {name} span (m)", "tension (N)", legend=False)
+        named(axes[2 * row + 1], f"x of the free {name} span (m)", "speed (m/s)", legend=False)
         axes[2 * row + 1].ticklabel_format(useOffset=False)
+    legend_above(axes[0])
     table = np.array(kept).reshape(2, len(_LABELS), 3, -1)
     axes_of = ("span", "EI", "point")
     data = dataset(
@@ -126,8 +134,11 @@ def _two_models(answers: Answers) -> Plate:
                 said = f"largest |y| (m), {name} span, {model} boundaries"
                 text = f"{said}, EI = {printed.STIFFNESSES[k]:g}"
                 lines.append(shown("Fig. 5.6", text, np.abs(offset).max()))
-        named(free, f"x of the {name} span (m), moving boundaries", "y (m)")
-        named(fixed, f"x of the {name} span (m), fixed boundaries", "y (m)")
+        for panel, model in ((free, "moving"), (fixed, "fixed")):
+            panel.set_ylim(*((0.042, 0.064) if side > 0 else (-0.075, -0.035)))
+            panel.set_xlim(-0.05, 0.2)
+            named(panel, f"x of the {name} span (m), {model} boundaries", "y (m)", legend=False)
+    legend_above(axes[0])
     table = np.array(kept).reshape(2, len(_LABELS), 4, -1)
     axes_of = ("span", "EI", "point")
     names = ("x_moving", "y_moving", "x_fixed", "y_fixed")
@@ -158,7 +169,8 @@ def _over_speed(answers: Answers) -> Plate:
             for j in (0, HALF, -1):
                 said = f"{name}, EI = {printed.STIFFNESSES[k]:g}, C = {SPEEDS[j]:.6g}"
                 lines.append(shown("Fig. 5.8", said, curve[j]))
-        named(panel, "dimensionless speed, C = c/c_cr", label)
+        named(panel, "dimensionless speed, C = c/c_cr", label, legend=False)
+    legend_above(axes[0])
     data = dataset(
         "Largest moment over speed",
         {"EI": (list(printed.STIFFNESSES), "N m2"), "C": (SPEEDS, "1")},

@@ -8,7 +8,7 @@ import numpy as np
 import beltjax as bj
 from beltjax.report.validation.plates import COLORS, Plate, dataset, named, panels, surfaces
 from beltjax.report.validation.printed import steady as printed
-from beltjax.report.validation.steady import X, Sampled, loaded_tensions, sampled, table_lengths
+from beltjax.report.validation.steady import Sampled, X, loaded_tensions, sampled, table_lengths
 from beltjax.report.validation.verdicts import Line, compared, shown
 
 METHODS = {"exact": bj.Exact(), "perturbation": bj.Perturbation(), "linear": bj.Linear()}

@@ -10,7 +10,6 @@ import beltjax as bj
 from beltjax.report.validation.printed import steady as printed
 
 _NAMES = ("crankshaft", "tensioner", "accessory")
-DISTANCE = 0.05 * np.pi  # of the centers of Table 5.1 [m]
 
 
 def middle_angle(beta: tuple[float, float]) -> float:
@@ -67,8 +66,7 @@ def prototype(
     gam: Any = printed.STRETCH,
 ) -> tuple[bj.Drive, bj.OperatingPoint]:
     """The prototype with these dimensionless numbers; any of them may be traced."""
-    base = as_printed()
-    tension, mass = printed.TENSION, printed.MASS_PER_LENGTH
+    tension = printed.TENSION
     eps, s, P, k_s, gam = (jnp.asarray(x, dtype=float) for x in (eps, s, P, k_s, gam))
     drive = eqx.tree_at(
         lambda d: (
@@ -77,7 +75,7 @@ def prototype(
             d.tensioner.stiffness,
             d.installation.span_tensions,
         ),
-        oriented(base, angle),
+        oriented(as_printed(), angle),
         (stiffness_of(eps), gam * tension, k_s * tension * printed.ARM, P * tension),
     )
     return drive, bj.OperatingPoint(belt_speed=speed_of(s))

@@ -17,7 +17,7 @@ from beltjax.report.validation.verdicts import Line
 # Okabe and Ito's palette, which people with any color vision can tell apart.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 PICTURES = ("svg", "png")
-STYLE = {"font.size": 12, "axes.grid": True, "grid.linewidth": 0.3, "lines.linewidth": 1.8,
+STYLE: Any = {"font.size": 12, "axes.grid": True, "grid.linewidth": 0.3, "lines.linewidth": 1.8,
          "svg.hashsalt": "beltjax"}  # fmt: skip
 
 
@@ -39,8 +39,7 @@ class Plate(NamedTuple):
         """Picture and data, by file name."""
         with matplotlib.rc_context(STYLE):
             pictures = {
-                f"{self.stem}.{kind}": picture_bytes(self.picture, f"x.{kind}")
-                for kind in PICTURES
+                f"{self.stem}.{kind}": picture_bytes(self.picture, f"x.{kind}") for kind in PICTURES
             }
         data: Any = self.data.to_netcdf(engine="scipy")
         return {**pictures, f"{self.stem}.nc": bytes(data)}
@@ -59,7 +58,7 @@ def surfaces(
     grids: list[tuple[np.ndarray, np.ndarray, np.ndarray]], labels: list[tuple[str, str, str]]
 ) -> Figure:
     """Surfaces below each other: x [n], y [m] and z [m, n], with what their axes mean."""
-    with matplotlib.rc_context({**STYLE, "font.size": 10}):
+    with matplotlib.rc_context(STYLE | {"font.size": 10}):
         figure = Figure(figsize=(6.4, 5.2 * len(grids)))
         FigureCanvasAgg(figure)
         for place, ((x, y, z), named) in enumerate(zip(grids, labels, strict=True)):
@@ -73,9 +72,8 @@ def surfaces(
             axes.set_xlabel(named[0], labelpad=6)
             axes.set_ylabel(named[1], labelpad=8)
             axes.set_zlabel(named[2], labelpad=14)
-            axes.tick_params(axis="z", pad=5)
             axes.view_init(elev=28, azim=-52)
-            axes.set_box_aspect(None, zoom=0.9)
+            axes.set_box_aspect(None, zoom=0.9)  # pyright: ignore[reportArgumentType]
         figure.subplots_adjust(left=0.0, right=0.92, bottom=0.04, top=1.0, hspace=0.02)
     return figure
 
@@ -86,6 +84,11 @@ def named(axes: Axes, x: str, y: str, legend: bool = True) -> None:
     axes.set_ylabel(y)
     if legend:
         axes.legend(frameon=False, fontsize=10)
+
+
+def legend_above(axes: Axes) -> None:
+    """Which curve is which, where it hides none."""
+    axes.legend(frameon=False, fontsize=10, ncols=2, loc="lower left", bbox_to_anchor=(0, 1))
 
 
 Variable = tuple[tuple[str, ...] | str, Any, str]

@@ -80,16 +80,16 @@ def _plate(number: str, chosen: list[tuple[bj.Modes, int, str]], angles, lines: 
         said = f"omega, {title}".replace("ε", "eps").replace("η", "eta")
         lines.append(shown(f"Fig. {number}", said, omega[-1]))
         shapes.append([np.asarray(of.deflection(k, i, jnp.asarray(x))) for i in range(3)])
-    w = np.array(shapes)
+    w = np.asarray(shapes, dtype=complex)
     axes_of = ("panel", "span", "x")
-    turning = np.array([of.rotations[k] for of, k, _ in chosen])
-    arm = np.array([of.arm_rotations[k] for of, k, _ in chosen])
+    turning = np.real([np.asarray(of.rotations[k]) for of, k, _ in chosen])
+    arm = np.real([complex(of.arm_rotations[k]) for of, k, _ in chosen])
     data = dataset(
         "Mode shapes: amplitudes of a motion that stores 1 J; one phase, for the belt at rest",
         {"panel": ([title for _, _, title in chosen], ""), "span": ([1, 2, 3], ""), "x": (x, "1")},
-        {"omega": ("panel", omega, "1"), "deflection": (axes_of, w.real, "m"),
-         "deflection_in_quadrature": (axes_of, w.imag, "m"),
-         "rotation": (("panel", "pulley"), turning.real, "rad"),
-         "arm_rotation": ("panel", arm.real, "rad")},
+        {"omega": ("panel", omega, "1"), "deflection": (axes_of, np.real(w), "m"),
+         "deflection_in_quadrature": (axes_of, np.imag(w), "m"),
+         "rotation": (("panel", "pulley"), turning, "rad"),
+         "arm_rotation": ("panel", arm, "rad")},
     )  # fmt: skip
     return Plate(number, figure, data, tuple(lines))

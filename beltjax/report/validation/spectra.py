@@ -21,7 +21,14 @@ from beltjax.report.validation.drives import (
     speed_of,
     stiffness_of,
 )
-from beltjax.report.validation.plates import COLORS, Plate, dataset, named, panels
+from beltjax.report.validation.plates import (
+    COLORS,
+    Plate,
+    dataset,
+    legend_above,
+    named,
+    panels,
+)
 from beltjax.report.validation.printed import steady, vibration
 from beltjax.report.validation.steady import sampled
 from beltjax.report.validation.verdicts import Line, compared, shown
@@ -76,7 +83,8 @@ def with_one_held() -> tuple[Curves, Curves]:
     eps = np.linspace(0.005, 0.2, 40)
     held = np.full_like(eps, _HELD)
     return tuple(
-        Curves(eps, _followed(shaped, resisting)) for shaped, resisting in ((held, eps), (eps, held))
+        Curves(eps, _followed(shaped, resisting))
+        for shaped, resisting in ((held, eps), (eps, held))
     )  # pyright: ignore[reportReturnType]
 
 
@@ -135,9 +143,7 @@ def _opposite_trends(resisting: Curves, shaped: Curves) -> Iterator[Line]:
         yield shown("Fig. 4.6", said, np.nanmin(slopes))
 
 
-def _spectrum(
-    number: str, over: str, key: str, families: dict[str, Curves], top: float
-) -> Plate:
+def _spectrum(number: str, over: str, key: str, families: dict[str, Curves], top: float) -> Plate:
     """Tracked frequencies; families of curves solid and dashed, one color a mode in each."""
     figure, (axes,) = panels(1, 1, 7.2, 6.0)
     lines, variables, coordinates = [], {}, {}
@@ -157,7 +163,7 @@ def _spectrum(
     axes.margins(x=0)
     named(axes, over, _OMEGA, legend=False)
     if len(families) > 1:
-        axes.legend(frameon=False, fontsize=10, ncols=2, loc="lower left", bbox_to_anchor=(0, 1))
+        legend_above(axes)
     kinds: dict[str, Any] = {f"family_{k + 1}": name for k, name in enumerate(families)}
     data = dataset(f"Natural frequencies over {over}", coordinates, variables)
     return Plate(number, figure, data.assign_attrs(kinds), tuple(lines))

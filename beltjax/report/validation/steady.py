@@ -27,11 +27,11 @@ _USUAL = {
 class Sampled(NamedTuple):
     """Steady states along the first axis; nan where a span has gone slack."""
 
-    T: Float[np.ndarray, " points"]
-    th: Float[np.ndarray, " points"]
-    coupling: Float[np.ndarray, "points spans"]
-    deflections: Float[np.ndarray, "points spans x"]  # of the spans' own lengths, at X
-    effectiveness: Float[np.ndarray, " points"]
+    T: Float[Any, " points"]
+    th: Float[Any, " points"]
+    coupling: Float[Any, "points spans"]
+    deflections: Float[Any, "points spans x"]  # of the spans' own lengths, at X
+    effectiveness: Float[Any, " points"]
 
 
 def sampled(method: Any = None, **numbers: Any) -> Sampled:
@@ -60,7 +60,8 @@ def _solutions(method, rows: dict[str, Array]) -> Sampled:
         good = steady.result == bj.RESULTS.successful
         w = jnp.stack([steady.deflection(i, jnp.asarray(X)) for i in range(3)])
         found = (steady.tension_change, steady.arm_rotation, steady.coupling, w)
-        return Sampled(*(jnp.where(good, x, jnp.nan) for x in found), steady.effectiveness)
+        T, th, coupling, w = (jnp.where(good, x, jnp.nan) for x in found)
+        return Sampled(T, th, coupling, w, steady.effectiveness)
 
     return eqx.filter_vmap(at)(rows)
 

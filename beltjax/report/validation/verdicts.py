@@ -34,22 +34,29 @@ def compared(item: str, quantity: str, printed: Value, computed: object) -> Line
             MISPRINT, printed.misprint)  # fmt: skip
     else:
         verdict, why = (AGREES if matches else DIFFERS), ""
-    digits = max(6, len(printed.text.lstrip("-0.").replace(".", "")) + 2)
-    return Line(item, quantity, printed.text, f"{number:.{digits}g}", verdict, why)
+    decimals = max(printed.decimals, 0) + 2
+    return Line(item, quantity, printed.text, f"{_plain(number):.{decimals}f}", verdict, why)
+
+
+def _plain(number: float) -> float:
+    """Without what rounding errors leave of a zero, which is another on every machine."""
+    return round(number, 10) + 0.0
 
 
 def compared_formula(
-    item: str, quantity: str, text: str, printed: complex, computed: complex
+    item: str, quantity: str, text: str, printed: complex, computed: complex, same_to: float = _SAME
 ) -> Line:
-    """A printed formula at some numbers, against the same thing found without it."""
-    same = abs(printed - computed) <= _SAME * abs(computed)
-    shown = f"{computed.real:.6g} {computed.imag:+.6g} i"
+    """A formula at some numbers, against the same thing found without it, to so much of it."""
+    same = abs(printed - computed) <= same_to * abs(computed)
+    shown = f"{computed.real:.8g}"
+    if isinstance(computed, complex):
+        shown += f" {computed.imag:+.8g} i"
     return Line(item, quantity, text, shown, AGREES if same else DIFFERS)
 
 
 def shown(item: str, quantity: str, computed: object) -> Line:
     """A number of a figure, which prints none."""
-    return Line(item, quantity, "", f"{float(np.asarray(computed)):.6g}", FIGURE)
+    return Line(item, quantity, "", f"{_plain(float(np.asarray(computed))):.6g}", FIGURE)
 
 
 def csv_text(lines: Iterable[Line]) -> str:

@@ -1,1 +1,1 @@
-"""What the dissertation prints in its tables, captions and figures; its inputs where they are used."""
+"""What the dissertation prints in its tables, captions and figures, results and inputs."""

@@ -13,6 +13,7 @@ EQUAL = {"R": 0.05, "L": 0.05 * math.pi, "EA": 25e3, "mu": 0.6, "tension": 50.0,
          "M2": 2.0, "G": 0.5}  # fmt: skip
 UNEQUAL = {"R1": 0.01, "R2": 0.05, "L": 0.1, "EA": 40e3, "mu": 1.0, "tension": 800.0,
            "m0": 0.0056}  # fmt: skip
+UNIT = "G = m0 c is in kg/s, and m0 = rho_0 A is mass per length"
 ANY_MASS = 0.02  # per length [kg/m]: Table 5.1 gives the mass flow instead
 STIFFNESSES = (0.0, 0.0015, 0.015, 0.05)  # EI [N m^2]
 EQUAL_SPAN = Value("0.1571")  # of Table 5.1, pi R1 [m]

@@ -15,11 +15,15 @@ class Value(NamedTuple):
         return float(self.text)
 
     @property
+    def decimals(self) -> int:
+        """Digits after the point, in the units of the number itself."""
+        mantissa, _, exponent = self.text.lower().partition("e")
+        return len(mantissa.partition(".")[2]) - int(exponent or 0)
+
+    @property
     def half_digit(self) -> float:
         """Half a unit of the last printed digit."""
-        mantissa, _, exponent = self.text.lower().partition("e")
-        decimals = len(mantissa.partition(".")[2])
-        return 0.5 * 10.0 ** (int(exponent or 0) - decimals)
+        return 0.5 * 10.0**-self.decimals
 
     def matches(self, computed: float) -> bool:
         """Whether `computed` rounds to it."""
