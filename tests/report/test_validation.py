@@ -5,6 +5,7 @@ import importlib
 import itertools
 import sys
 from collections import Counter
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from beltjax.report.validation.verdicts import (
     AGREES,
     DIFFERS,
     MISPRINT,
+    Line,
     compared,
     markdown_text,
     shown,
@@ -123,6 +125,9 @@ def test_the_whole_command(tmp_path, monkeypatch, capsys):
     angles = itertools.chain.from_iterable(printed_contact.FIGURE_5_7.values())
     texts = Counter(known[0].text for known in angles)
     assert texts <= Counter(row["printed"] for row in rows if row["item"] == "Fig. 5.7")
+    page = (Path(__file__).parents[2] / "docs" / "validation.md").read_text()
+    table = markdown_text(Line(**row) for row in rows if row["verdict"] != "figure only")
+    assert table in page, "bring the page up to date: docs/images/make_validation.py"
     drawn = {row["item"].removeprefix("Fig. ") for row in rows if row["item"].startswith("Fig. ")}
     assert {f"figure_{c}_{int(k):02d}" for c, k in (one.split(".") for one in drawn)} == set(
         FIGURES
