@@ -1,7 +1,6 @@
 """The validation against the source: no printed number is left out, and none differs."""
 
 import csv
-import importlib
 import itertools
 import sys
 from collections import Counter
@@ -84,6 +83,22 @@ def test_the_table_says_each_argument_once():
     assert summary(lines) == "0 agrees, 2 known misprint, 0 figure only, 0 differs"
 
 
+def test_the_printed_loaded_tensions_follow_from_held_angles():
+    # The argument about P1 in Fig. 3.9. The belt on the pulleys unstretched and the angles held,
+    # P3 - P1 = d gives P1 = 1 - l3 d/(sum l + gamma r_t D^2/k_s).
+    p = printed_steady
+    lengths = np.array([value.number for value in p.SPAN_LENGTHS])
+    one, two = np.sin(np.radians(p.BETA))
+    arm = p.STRETCH * p.ARM * (one - two) ** 2 / p.SPRING
+
+    def least(d):
+        return 1 - lengths[2] * d / (lengths.sum() + arm)
+
+    assert Value(str(p.LOADED[0])).matches(least(p.LOADED[2] - p.LOADED[0]))
+    largest = p.LARGEST_TORQUE / (p.RADII[0] * p.TENSION)
+    assert Value("0.8589").matches(least(largest))
+
+
 @pytest.mark.parametrize("words", [["--out", "there/file"], ["--out", "/proc/no"], [], ["--our"]])
 def test_bad_arguments_end_in_one_line(words, tmp_path, monkeypatch, capsys):
     (tmp_path / "there").mkdir()
@@ -104,7 +119,7 @@ def test_bad_arguments_end_in_one_line(words, tmp_path, monkeypatch, capsys):
 def test_the_whole_command(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["validation", "--out", str(tmp_path / "new" / "folder")])
     with pytest.raises(SystemExit) as end:
-        importlib.import_module("beltjax.report.validation.__main__").run()
+        command.run()
     assert end.value.code == 0
     folder = tmp_path / "new" / "folder"
     expected = {f"{name}.{kind}" for name in FIGURES for kind in (*PICTURES, "nc")}

@@ -155,7 +155,7 @@ def _spectrum(number: str, over: str, key: str, families: dict[str, Curves], top
         coordinates[axis] = of.values, "1"
         variables[f"omega_{place + 1}"] = ((axis, f"mode_{place + 1}"), of.omega, "1")
         for end in (0, -1):
-            said = f"lowest frequency, {name}, {key} = {of.values[end]:.6g}"
+            said = f"lowest frequency, {name}, {key} = {round(of.values[end], 9):.6g}"
             said = said.replace(", ,", ",").replace("ε", "eps").replace("η", "eta")
             lines.append(shown(f"Fig. {number}", said, np.nanmin(of.omega[end])))
     axes.set_ylim(0 if top > 11 else 1, top)
