@@ -1,4 +1,4 @@
-"""The documentation as a site: it builds strictly, and pages need no network and do not overflow."""
+"""The documentation as a site: it builds strictly, its pages need no network and fit a phone."""
 
 import functools
 import http.server
@@ -31,8 +31,8 @@ def words(text):
 def test_every_result_is_explained_by_its_own_text(name):
     page = (ROOT / "docs" / "troubleshooting.md").read_text()
     section = page.split(f"\n### `{name}`\n")[1].split("\n##")[0]
-    assert words("> " + bj.RESULTS[getattr(bj.RESULTS, name)]) in words(section)
-    assert len(section.split("\n\n")) > 2, "the page adds what the text cannot say"
+    assert words(bj.RESULTS[getattr(bj.RESULTS, name)]) in words(section)
+    assert len(section.strip().split("\n\n")) == 2, "the text, and what it cannot say"
 
 
 def test_every_public_name_has_its_place_on_the_api_page():
@@ -75,50 +75,112 @@ def browser():
     return next(filter(None, map(shutil.which, BROWSERS)), None)
 
 
-# What a page finds out about itself; the answer is read from its title.
-PROBE = """
-<script>
+# What each page finds out about itself. The policy below names every request to elsewhere.
+POLICY = "default-src 'self' 'unsafe-inline' data: blob:"
+PROBE = """<script>
 window.problems = [];
-addEventListener("error", e => problems.push(String(e.message || (e.target.src || e.target.href))), true);
-const said = console.error; console.error = (...x) => {problems.push(x.join(" ")); said(...x)};
-addEventListener("load", () => setTimeout(() => {
-  const over = document.documentElement.scrollWidth - document.documentElement.clientWidth;
-  const outside = performance.getEntriesByType("resource").map(e => e.name)
-    .filter(name => !name.startsWith(location.origin) && !name.startsWith("data:")
-                    && !name.startsWith("blob:"));
-  const wide = [...document.querySelectorAll("article *")].filter(
-    e => e.getBoundingClientRect().right > innerWidth + 1).slice(0, 3).map(e => e.outerHTML.slice(0, 80));
-  const found = document.createElement("pre"); found.id = "probe";
-  found.textContent = JSON.stringify({over, outside, problems, width: innerWidth, wide: over > 0 ? wide : []});
-  document.body.append(found);
-}, 500));
-</script>
-"""
+const tell = what => problems.push(String(what));
+addEventListener("error", e => tell(e.message || e.target.src || e.target.href), true);
+addEventListener("unhandledrejection", e => tell(e.reason));
+addEventListener("securitypolicyviolation", e => tell("request to " + e.blockedURI));
+console.error = (...words) => tell(words.join(" "));
+</script>"""
+# Opens page after page in a frame as wide as the screen in question, and reports.
+TOUR = """<!doctype html><body><script>
+(async () => {
+  const found = [];
+  for (const page of PAGES) for (const [screen, width] of Object.entries(WIDTHS)) {
+    const frame = document.createElement("iframe");
+    frame.style = `width: ${width}px; height: 800px; border: 0`;
+    frame.src = page;
+    await new Promise(done => { frame.onload = done; document.body.append(frame); });
+    await new Promise(done => setTimeout(done, 300));
+    const root = frame.contentDocument.documentElement;
+    found.push({page, screen, width: frame.contentWindow.innerWidth,
+      sideways: root.scrollWidth - root.clientWidth, problems: frame.contentWindow.problems});
+    frame.remove();
+  }
+  fetch("/__found", {method: "POST", body: JSON.stringify(found)});
+})();
+</script></body>"""
 
 
-class Probed(http.server.SimpleHTTPRequestHandler):
-    """Serves the site with a probe put into every page."""
+class Tour(http.server.ThreadingHTTPServer):
+    """Serves the site with the probe in every page, and keeps what the tour reports."""
+
+    def __init__(self, site):
+        super().__init__(("127.0.0.1", 0), functools.partial(Page, directory=str(site)))
+        self.pages = [f"/{page.name}" for page in sorted(site.glob("*.html"))]
+        self.missing, self.found, self.done = [], [], threading.Event()
+
+
+class Page(http.server.SimpleHTTPRequestHandler):
+    """One request of the tour."""
+
+    server: Tour
 
     def do_GET(self):
         path = Path(self.translate_path(self.path))
-        if path.suffix == ".html" and path.is_file():
-            content = path.read_text().replace("<head>", f"<head>{PROBE}", 1).encode()
-            self.send_response(200)
-            self.send_header("Content-Type", "text/html; charset=utf-8")
-            self.send_header("Content-Length", str(len(content)))
-            self.end_headers()
-            self.wfile.write(content)
+        if self.path == "/__tour":
+            tour = TOUR.replace("PAGES", json.dumps(self.server.pages))
+            self.answer(tour.replace("WIDTHS", json.dumps(WIDTHS)))
+        elif path.suffix == ".html" and path.is_file():
+            self.answer(path.read_text().replace("<head>", f"<head>{PROBE}", 1), POLICY)
         else:
             super().do_GET()
+
+    def answer(self, text, policy=None):
+        self.send_response(200)
+        self.send_header("Content-Type", "text/html; charset=utf-8")
+        if policy:
+            self.send_header("Content-Security-Policy", policy)
+        self.end_headers()
+        self.wfile.write(text.encode())
+
+    def do_POST(self):
+        self.server.found = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
+        self.send_response(204)
+        self.end_headers()
+        self.server.done.set()
+
+    def send_error(self, code, *rest, **more):
+        self.server.missing.append((code, self.path))
+        super().send_error(code, *rest, **more)
 
     def log_message(self, *_):
         pass
 
 
 @pytest.fixture(scope="module")
-def served(site):
-    handler = functools.partial(Probed, directory=str(site))
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+def tour(site):
+    if browser() is None:
+        pytest.skip(f"no browser is installed ({', '.join(BROWSERS)})")
+    with Tour(site) as server, tempfile.TemporaryDirectory() as profile:
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_port}"
-        server.shutdown()
+        words = ["--headless=new", "--no-sandbox", "--disable-gpu", "--window-size=1400,900"]
+        words += [f"--user-data-dir={profile}", "--no-first-run", "--disable-extensions"]
+        address = f"http://127.0.0.1:{server.server_port}/__tour"
+        silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        process = subprocess.Popen([browser(), *words, address], **silent)
+        try:
+            assert server.done.wait(180), "the browser did not come back from its tour"
+        finally:
+            process.terminate()
+            process.wait(20)
+            server.shutdown()
+        yield server
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("screen", WIDTHS)
+def test_pages_fit_the_screen_and_run_without_errors(tour, screen):
+    found = [one for one in tour.found if one["screen"] == screen]
+    assert len(found) == len(tour.pages) > 15
+    assert {one["width"] for one in found} == {WIDTHS[screen]}
+    assert [one for one in found if one["sideways"] > 0] == []
+    assert [one for one in found if one["problems"]] == []
+
+
+@pytest.mark.slow
+def test_pages_find_all_their_parts(tour):
+    assert [one for one in tour.missing if "favicon" not in one[1]] == []

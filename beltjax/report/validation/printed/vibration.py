@@ -18,5 +18,7 @@ STIFFNESSES = (0.01, 0.04, 0.07, 0.1)  # eps of their panels
 COUNTED_BELOW = 11.0
 COUNTS = {
     0.1: Value("8"),
-    0.01: Value("16", "17 by a Legendre basis, and by the count of the exact characteristic function"),
+    0.01: Value(
+        "16", "17 by a Legendre basis, and by the count of the exact characteristic function"
+    ),
 }
