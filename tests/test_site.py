@@ -117,7 +117,7 @@ class Tour(http.server.ThreadingHTTPServer):
 class Page(http.server.SimpleHTTPRequestHandler):
     """One request of the tour."""
 
-    server: Tour
+    server: Tour  # pyright: ignore[reportIncompatibleVariableOverride]
 
     def do_GET(self):
         path = Path(self.translate_path(self.path))
@@ -147,12 +147,12 @@ class Page(http.server.SimpleHTTPRequestHandler):
         self.server.missing.append((code, self.path))
         super().send_error(code, *rest, **more)
 
-    def log_message(self, *_):
+    def log_message(self, format, *args):
         pass
 
 
-@pytest.fixture(scope="module")
-def tour(site):
+def toured(site):
+    """The server after a browser has been to every page of the folder."""
     if browser() is None:
         pytest.skip(f"no browser is installed ({', '.join(BROWSERS)})")
     with Tour(site) as server, tempfile.TemporaryDirectory() as profile:
@@ -168,7 +168,12 @@ def tour(site):
             process.terminate()
             process.wait(20)
             server.shutdown()
-        yield server
+    return server
+
+
+@pytest.fixture(scope="module")
+def tour(site):
+    return toured(site)
 
 
 @pytest.mark.slow
@@ -184,3 +189,19 @@ def test_pages_fit_the_screen_and_run_without_errors(tour, screen):
 @pytest.mark.slow
 def test_pages_find_all_their_parts(tour):
     assert [one for one in tour.missing if "favicon" not in one[1]] == []
+
+
+@pytest.mark.slow
+def test_the_tour_sees_what_is_wrong_with_a_page(tmp_path):
+    bad = (
+        '<img src="http://example.com/x.png"><img src="gone.png"><div style="width: 3000px">x</div>'
+    )
+    bad += '<script>console.error("said"); throw new Error("thrown")</script>'
+    (tmp_path / "bad.html").write_text(f"<html><head></head><body>{bad}</body></html>")
+    server = toured(tmp_path)
+    for found in server.found:
+        assert found["sideways"] > 1000
+        problems = " ".join(found["problems"])
+        for what in ("said", "thrown", "request to http://example.com/x.png"):
+            assert what in problems
+    assert {path for _, path in server.missing} >= {"/gone.png"}

@@ -6,12 +6,16 @@ import sys
 from collections import Counter
 from pathlib import Path
 
+import equinox as eqx
+import jax
 import numpy as np
 import pytest
 import xarray
 
+import beltjax as bj
 from beltjax.report.validation import __main__ as command
 from beltjax.report.validation import beam, deflections, spectra
+from beltjax.report.validation.drives import as_printed
 from beltjax.report.validation.plates import PICTURES
 from beltjax.report.validation.printed import beam as printed_beam
 from beltjax.report.validation.printed import contact as printed_contact
@@ -81,6 +85,17 @@ def test_the_table_says_each_argument_once():
     assert text.count("known misprint (1)") == 2
     assert "| Fig. 1 | \\|w\\| | 1.0 | 1.200 |" in text
     assert summary(lines) == "0 agrees, 2 known misprint, 0 figure only, 0 differs"
+
+
+def test_the_printed_angle_lies_within_the_rounding_of_the_printed_pivot():
+    # The argument about beta_1 of Tables 3.2 and 4.1: half a digit of the pivot's y is 50 um.
+    def angles(shift):
+        moved = jax.numpy.array([0.0, shift])
+        drive = eqx.tree_at(lambda d: d.tensioner.pivot, as_printed(), replace_fn=moved.__add__)
+        return np.degrees(bj.layout(drive).alignment)
+
+    one, two = sorted((angles(-50e-6)[0], angles(50e-6)[0]))
+    assert one < printed_steady.ALIGNMENT[0].number < two
 
 
 def test_the_printed_loaded_tensions_follow_from_held_angles():

@@ -12,7 +12,7 @@ from beltjax.physics.moving_beam_shapes import reflection
 from beltjax.physics.waves import wave_numbers
 from beltjax.report.validation.plates import COLORS, Plate, dataset, named, panels
 from beltjax.report.validation.printed import beam as printed
-from beltjax.report.validation.verdicts import Line, compared, compared_formula, shown
+from beltjax.report.validation.verdicts import DIFFERS, Line, compared, compared_formula, shown
 
 _SLOW, _OMEGA = 0.4, 2.0  # v and omega of Fig. 2.2, a sketch in the source
 
@@ -56,7 +56,7 @@ def _table_2_2() -> Iterator[Line]:
             "Table 2.2", f"{entry.name}, {entry.support} support", entry.text, entry.formula(*r),
             found,
         )  # fmt: skip
-        yield line if abs(ours - found) <= 1e-12 else line._replace(verdict="differs")
+        yield line if abs(ours - found) <= 1e-12 else line._replace(verdict=DIFFERS)
 
 
 def _supported(support: str, name: str, r: np.ndarray) -> complex:

@@ -38,6 +38,7 @@ _POOR = middle_angle(steady.BETA_INEFFECTIVE)
 # Where the belt's stiffness, or its steady state, is held in Fig. 4.6; the source does not say.
 _HELD = 0.05
 _OMEGA = "natural frequency, ω"
+_TOP = 10.5  # of the axes of most figures
 
 
 def tables() -> list[Line]:
@@ -114,10 +115,10 @@ def _held_modes(shaped, resisting):
 def plates(over_eps: Curves) -> Iterator[Plate]:
     """Figs. 4.5 to 4.9, of which the first is given."""
     bending, speed = "bending stiffness, ε", "speed, s"
-    yield _spectrum("4.5", bending, "eps", {"": over_eps}, 10.5)
+    yield _spectrum("4.5", bending, "eps", {"": over_eps}, _TOP)
     resisting, shaped = with_one_held()
     both = {f"steady state of ε = {_HELD}": resisting, f"resistance of ε = {_HELD}": shaped}
-    plate = _spectrum("4.6", bending, "eps", both, 10.5)
+    plate = _spectrum("4.6", bending, "eps", both, _TOP)
     yield plate._replace(lines=tuple(_opposite_trends(resisting, shaped)))
     curves = {f"ε = {eps:g}": over_speed(eps, WELL) for eps in vibration.COUNTS}
     plate = _spectrum("4.7", speed, "s", curves, 11.0)
@@ -128,7 +129,7 @@ def plates(over_eps: Curves) -> Iterator[Plate]:
     ]  # fmt: skip
     yield plate._replace(lines=(*counted, *plate.lines))
     curves = {"η = 0": over_speed(0.04, _POOR), "η = 0.785": over_speed(0.04, WELL)}
-    plate = _spectrum("4.8", speed, "s", curves, 10.5)
+    plate = _spectrum("4.8", speed, "s", curves, _TOP)
     caption = captions("Fig. 4.8", steady.BETA_INEFFECTIVE, steady.BETA)
     yield plate._replace(lines=(*caption, *plate.lines))
     curves = {f"ε = {eps:g}": over_effectiveness(eps) for eps in (0.1, 0.01)}
@@ -139,6 +140,7 @@ def _opposite_trends(resisting: Curves, shaped: Curves) -> Iterator[Line]:
     """What the text says of Fig. 4.6: all rise with the one, some fall with the other."""
     for name, curves in (("resistance", resisting), ("steady state", shaped)):
         slopes = np.diff(curves.omega, axis=0) / np.diff(curves.values)[:, None]
+        slopes = slopes[curves.omega[1:] < _TOP]  # those the figure shows
         said = f"least slope of a frequency over eps, by {name} alone"
         yield shown("Fig. 4.6", said, np.nanmin(slopes))
 

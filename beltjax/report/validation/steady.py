@@ -1,5 +1,6 @@
 """Steady states of the prototype over any of its dimensionless numbers, in batches of one shape."""
 
+import inspect
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -9,19 +10,13 @@ from jaxtyping import Array, Float
 
 import beltjax as bj
 from beltjax.numerics.compilation import in_chunks, quickly_compiled
-from beltjax.report.validation.drives import WELL, as_printed, prototype
+from beltjax.report.validation.drives import as_printed, prototype
 from beltjax.report.validation.printed import steady as printed
 
 X = np.linspace(0.0, 1.0, 201)
 _CHUNK = 32
-_USUAL = {
-    "eps": 0.0,
-    "s": 0.0,
-    "P": printed.EVEN,
-    "angle": WELL,
-    "k_s": printed.SPRING,
-    "gam": printed.STRETCH,
-}
+# All of them are always given, so that every figure shares one compiled program.
+_USUAL = {name: given.default for name, given in inspect.signature(prototype).parameters.items()}
 
 
 class Sampled(NamedTuple):
