@@ -138,6 +138,7 @@ def test_the_whole_command(tmp_path, monkeypatch, capsys):
     assert end.value.code == 0
     folder = tmp_path / "new" / "folder"
     expected = {f"{name}.{kind}" for name in FIGURES for kind in (*PICTURES, "nc")}
+    expected |= {f"table_{name[6]}_{name[8]}.csv" for name in NUMBERS | OF_CONTACT}
     assert {path.name for path in folder.iterdir()} == expected | {"verdicts.csv", "verdicts.md"}
     for name in FIGURES:
         assert all((folder / f"{name}.{kind}").stat().st_size > 5000 for kind in PICTURES)

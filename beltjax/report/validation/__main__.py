@@ -15,8 +15,9 @@ INVALID, DIFFERENT = 1, 2
 def main(out: str) -> None:
     """Make every table and figure of Kong (2003) again, and compare what is printed.
 
-    Writes figure_C_NN.svg, .png and .nc (NetCDF), and verdicts.csv and .md. Exit status: 0; 1 for
-    a folder that cannot be written, with nothing written; 2 where a printed number differs.
+    Writes figure_C_NN.svg, .png and .nc (NetCDF), table_C_N.csv, and all verdicts as verdicts.csv
+    and .md. Exit status: 0; 1 for a folder that cannot be written, with nothing written; 2 where a
+    printed number differs.
     """
     folder = Path(out)
     try:

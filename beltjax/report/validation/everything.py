@@ -21,7 +21,7 @@ TABLE = "verdicts"
 
 
 def write_everything(folder: Path, advance: Callable[[str], None]) -> list[Line]:
-    """Write every figure with its data and the table of verdicts; return the table.
+    """Write every figure with its data, every table and all verdicts; return the verdicts.
 
     `advance(what)` is told what comes next. Raises `OSError` where a file cannot be written.
     """
@@ -35,6 +35,10 @@ def write_everything(folder: Path, advance: Callable[[str], None]) -> list[Line]
                 lines += piece.lines
             else:
                 lines.append(piece)
+    for item in dict.fromkeys(line.item for line in lines if line.item.startswith("Table")):
+        stem = item.lower().replace(" ", "_").replace(".", "_")
+        own = [line for line in lines if line.item == item]
+        write_whole(folder / f"{stem}.csv", csv_text(own).encode())
     write_whole(folder / f"{TABLE}.csv", csv_text(lines).encode())
     text = f"{summary(lines)}.\n\n{markdown_text(lines)}"
     write_whole(folder / f"{TABLE}.md", text.encode())

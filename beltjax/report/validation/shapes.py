@@ -80,6 +80,8 @@ def _plate(number: str, chosen: list[tuple[bj.Modes, int, str]], angles, lines: 
         said = f"omega, {title}".replace("ε", "eps").replace("η", "eta")
         lines.append(shown(f"Fig. {number}", said, omega[-1]))
         shapes.append([np.asarray(of.deflection(k, i, jnp.asarray(x))) for i in range(3)])
+    said = f"dashed: steady state, deflections times {_ENLARGED:g}; blue: mode about it"
+    figure.supxlabel(said, fontsize=10)
     w = np.asarray(shapes, dtype=complex)
     axes_of = ("panel", "span", "x")
     turning = np.real([np.asarray(of.rotations[k]) for of, k, _ in chosen])
