@@ -25,6 +25,17 @@ BLOCKS = {
 WRITTEN = {"vibration": ["sweep.nc"], "drive_file": ["copy.toml"]}
 
 
+STUDY_TABLES = (
+    bj.optimize.files.VariableTable,
+    bj.optimize.files.ConstraintTable,
+    bj.optimize.files.ObjectiveTable,
+    bj.optimize.files.ChoiceTable,
+    bj.optimize.files.ParetoTable,
+    bj.optimize.files.OptimizerTable,
+    bj.optimize.files.StudyTable,
+)
+
+
 def blocks_of(page, language):
     text = page.read_text()
     return re.findall(rf"```{language}\n(.*?)```", text, flags=re.DOTALL)
@@ -54,6 +65,17 @@ def test_the_study_of_the_page_is_one(tmp_path):
 def keys_of(table):
     for name, field in table.model_fields.items():
         yield field.alias or name
+
+
+def test_every_key_and_quantity_of_a_study_is_on_its_page():
+    page = (ROOT / "docs" / "optimizing.md").read_text()
+    keys = {key for table in STUDY_TABLES for key in keys_of(table)}
+    for key in keys:
+        assert any(mark in page for mark in (f"`{key}`", f"`[{key}]`", f"`[[{key}]]`")) or (
+            key == "option" and "[[choice.option]]" in page
+        ), key
+    for name in bj.optimize.quantities._KINDS:
+        assert f"`{name}" in page, name
 
 
 def test_every_key_of_a_drive_file_is_on_its_page():

@@ -16,8 +16,6 @@ ALLOWED = {
     "report": {"numerics", "drive", "analysis", "report", "results", "errors", "writing"},
     # It compares the models themselves with print.
     "report/validation": {"numerics", "physics", "analysis", "report", "writing"},
-    # It compares the models themselves with print.
-    "report/validation": {"numerics", "physics", "analysis", "report", "writing"},
     "optimize": {"numerics", "drive", "analysis", "results", "errors", "writing"},
 }
 

@@ -40,6 +40,9 @@ def test_every_public_name_has_its_place_on_the_api_page():
     listed = re.findall(r"^::: beltjax\.(\w+)$", page, flags=re.MULTILINE)
     public = re.findall(r" as (\w+)$", (ROOT / "beltjax/__init__.py").read_text(), re.MULTILINE)
     assert sorted([*listed, "RESULTS"]) == sorted(public)
+    listed = re.findall(r"^::: optimize\.(\w+)$", page, flags=re.MULTILINE)
+    public = re.findall(r" as (\w+)$", (ROOT / "optimize/__init__.py").read_text(), re.MULTILINE)
+    assert sorted([*listed, "lagrangian"]) == sorted(public)
 
 
 @pytest.fixture(scope="module")
