@@ -14,6 +14,8 @@ ALLOWED = {
     "drive": {"drive", "results", "errors", "writing"},
     "analysis": {"numerics", "physics", "drive", "analysis", "results", "errors"},
     "report": {"numerics", "drive", "analysis", "report", "results", "errors", "writing"},
+    # It compares the models themselves with print.
+    "report/validation": {"numerics", "physics", "analysis", "report", "writing"},
     "optimize": {"numerics", "drive", "analysis", "results", "errors", "writing"},
 }
 
@@ -36,8 +38,10 @@ def imported(path):
 @pytest.mark.parametrize("package", ALLOWED)
 def test_imports_point_one_way(package):
     folder = ROOT / "optimize" if package == "optimize" else ROOT / "beltjax" / package
+    rows = [ROOT / "beltjax" / other for other in ALLOWED if other.startswith(f"{package}/")]
     for path in folder.rglob("*.py"):
-        assert set(imported(path)) <= ALLOWED[package], path
+        if not any(path.is_relative_to(row) for row in rows):
+            assert set(imported(path)) <= ALLOWED[package], path
 
 
 def test_every_folder_of_code_is_installed():

@@ -47,7 +47,7 @@ class MovingBeamModes(eqx.Module):
     method: Method = eqx.field(static=True)
 
     def shapes(self, x: Any) -> Complex[Array, "count ..."]:
-        """The modes at `x` in [0, 1] [...], scaled to c2 = i/2.
+        """The modes at `x` in [0, 1], of any shape, scaled to c2 = i/2.
 
         The wave that travels against the beam has amplitude 1/2: simple supports at rest give
         sin(n pi x). Derivatives with respect to `bending` need bending > 0.

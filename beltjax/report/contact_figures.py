@@ -25,8 +25,7 @@ def contact_figure(drive: Drive, state: ContactState) -> Figure:
     FigureCanvasAgg(figure)
     ratios = [min(9.0, 8.0 * high / wide) + 0.6, 2.2, 2.2]
     belt, tension, speed = figure.subplots(3, 1, height_ratios=ratios)
-    _draw_pulleys(belt, drive, state)
-    _draw_belt(belt, pieces)
+    draw_contact(belt, drive, state, pieces)
     _draw_along(tension, pieces, "tension", "tension (N)")
     _draw_along(speed, pieces, "speed", "belt speed (m/s)")
     _name_places(tension, drive, pieces)
@@ -34,6 +33,14 @@ def contact_figure(drive: Drive, state: ContactState) -> Figure:
     feasible = "" if bool(state.feasible) else ": not physical"
     belt.set_title(f"{drive.name}{feasible}", fontsize=11, parse_math=False)
     return figure
+
+
+def draw_contact(
+    axes: Axes, drive: Drive, state: ContactState, pieces: tuple[BeltPiece, ...]
+) -> None:
+    """Pulleys, and the belt on them: its spans, and its arcs of adhesion and of slip."""
+    _draw_pulleys(axes, drive, state)
+    _draw_belt(axes, pieces)
 
 
 def _draw_pulleys(axes: Axes, drive: Drive, state: ContactState) -> None:

@@ -106,14 +106,17 @@ def mode_shapes(drive: Drive, point: OperatingPoint, modes: Modes, shown: int = 
     for axes in panels[count:]:
         axes.set_axis_off()
     for k, axes in enumerate(panels[:count]):
-        _draw_mode(axes, drive, float(point.travel), modes, k)
+        draw_mode(axes, drive, float(point.travel), modes, k)
         hertz = float(modes.frequencies[k]) / (2 * np.pi)
         axes.set_title(f"{k + 1}: {hertz:.1f} Hz, {labels[k]}", fontsize=10, parse_math=False)
     figure.suptitle(drive.name, fontsize=11, parse_math=False)
     return figure
 
 
-def _draw_mode(axes: Axes, drive: Drive, travel: float, modes: Modes, k: int) -> None:
+def draw_mode(
+    axes: Axes, drive: Drive, travel: float, modes: Modes, k: int, enlarged: float = 0.0
+) -> None:
+    """Mode k on the layout, without axes; about the steady deflections, so much enlarged."""
     at = modes.linearization.steady.reference.layout
     x = np.linspace(0.0, 1.0, 81)
     spans = [np.real(modes.deflection(k, i, jnp.asarray(x))) for i in range(len(drive.pulleys))]
@@ -127,11 +130,16 @@ def _draw_mode(axes: Axes, drive: Drive, travel: float, modes: Modes, k: int) ->
         reach.append(abs(arm) * float(at.arm_length))
     scale = _REACH * float(np.ptp(np.asarray(at.starts), axis=0).max()) / max(reach)
     draw_layout(axes, drive, at, color=BEFORE, label="", style="-", width=0.8)
-    for start, end, normal, w in zip(
-        *(np.asarray(part) for part in (at.starts, at.ends, at.normals)), spans, strict=True
-    ):
-        line = start + x[:, None] * (end - start) + scale * w[:, None] * normal
-        axes.plot(*(1e3 * line.T), color=AFTER, linewidth=1.8)
+    steady = modes.linearization.steady
+    for i, w in enumerate(spans):
+        start, end, normal = (np.asarray(part[i]) for part in (at.starts, at.ends, at.normals))
+        rest = (
+            enlarged * float(at.span_lengths[i]) * np.asarray(steady.deflection(i, jnp.asarray(x)))
+        )
+        line = start + x[:, None] * (end - start) + rest[:, None] * normal
+        if enlarged:
+            axes.plot(*(1e3 * line.T), "--", color="black", linewidth=1.2)
+        axes.plot(*(1e3 * (line + scale * w[:, None] * normal).T), color=AFTER, linewidth=1.8)
     for center, radius, angle in zip(centers, radii, scale * rotations, strict=True):
         _draw_turn(axes, center, float(radius), float(angle))
     if drive.tensioner is not None:

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from moving_beams import SMALL, solved
 from published import assert_matches_print
-from published_beam import TABLE_2_1
 from scipy.optimize import brentq
 
 from beltjax.physics import moving_beam as beam
 from beltjax.physics import moving_beam_expansion as expansion
 from beltjax.physics import moving_beam_shapes as shapes
 from beltjax.physics.waves import wave_numbers
+from beltjax.report.validation.printed.beam import TABLE_2_1
 
 PAIRS = [("simple", "simple"), ("fixed", "simple"), ("fixed", "fixed")]
 pairs = pytest.mark.parametrize("ends", PAIRS, ids="-".join)

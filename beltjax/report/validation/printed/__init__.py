@@ -1,0 +1,1 @@
+"""What the dissertation prints in its tables, captions and figures, results and inputs."""
