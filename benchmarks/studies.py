@@ -18,17 +18,11 @@ from scipy.optimize import minimize as scipy_minimize
 
 jax.config.update("jax_enable_x64", True)
 
-from beltjax.optimize.problem import (  # noqa: E402
-    limited_rows,
-    starting_points,
-    with_implied_constraints,
-)
-from beltjax.optimize.search import Means, looking, search  # noqa: E402
-
 import beltjax as bj  # noqa: E402
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 LOST = 1e3
+problem, search = bj.optimize.problem, bj.optimize.search
 
 
 def timed(function):
@@ -38,9 +32,9 @@ def timed(function):
 
 def batched(study, begin, look):
     """The augmented Lagrangian on all starts; compiled first, then run."""
-    means = Means(look, lambda *_: None, None, None)
-    _, first = timed(lambda: search(study, begin, means))
-    found, again = timed(lambda: search(study, begin, means))
+    means = search.Means(look, lambda *_: None, None, None)
+    _, first = timed(lambda: search.search(study, begin, means))
+    found, again = timed(lambda: search.search(study, begin, means))
     ends = [(e.objective, e.violation <= 1e-6 and e.converged) for e in found.ends]
     return ends, first - again, again
 
@@ -87,9 +81,9 @@ def main():
     parser.add_argument("--study", default="seven_pulley_study")
     asked = parser.parse_args()
     loaded = bj.optimize.load_study(EXAMPLES / f"{asked.study}.toml")
-    study = with_implied_constraints(dataclasses.replace(loaded, starts=asked.starts))
-    begin = starting_points(study)
-    look = looking(study, begin.scales, limited_rows(study, begin.parts))
+    study = problem.with_implied_constraints(dataclasses.replace(loaded, starts=asked.starts))
+    begin = problem.starting_points(study)
+    look = search.looking(study, begin.scales, problem.limited_rows(study, begin.parts))
     points = np.asarray(begin.points)
     _, compiling = timed(lambda: look(points[0] + 1e-9))
 

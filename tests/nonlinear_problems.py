@@ -1,7 +1,8 @@
 """Problems of the literature in the unit box, as optimizers on the host take them."""
 
 import numpy as np
-from beltjax.optimize import optimality as conditions
+
+import beltjax as bj
 
 # W. Hock and K. Schittkowski, Test Examples for Nonlinear Programming Codes (1981), problem 71.
 HS71_OPTIMUM = np.array([1.0, 4.7429994, 3.8211503, 1.3794082])
@@ -23,7 +24,7 @@ def hs71(x):
 def local(x, f, c, df, dc):
     """With the box's bounds after the constraints."""
     x, eye = np.asarray(x, float), np.eye(len(x))
-    return conditions.Local(
+    return bj.optimize.optimality.Local(
         x,
         float(f),
         np.concatenate([c, -x, x - 1]),

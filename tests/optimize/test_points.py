@@ -4,10 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from beltjax.optimize.problem import drive_at, in_box, measured, own_values, soft_maximum
 from drives import EXAMPLES
 
 import beltjax as bj
+
+problem = bj.optimize.problem
 
 HEAD = """
 drive = "three_pulley.toml"
@@ -46,7 +47,7 @@ def test_every_point_counts_and_a_named_one_alone(tmp_path):
     names += ["order_margin:2@idle"]
     study = load(tmp_path, HEAD + POINTS + "".join(map(limit, names)))
     assert study.cases.names == ("idle", "fast", "fast", "fast")
-    found = jax.jit(lambda d: measured(study, d))(study.drive)
+    found = jax.jit(lambda d: problem.measured(study, d))(study.drive)
     values = dict(zip(names, map(np.asarray, found.parts), strict=True))
     assert [len(values[name]) for name in names[:4]] == [4, 1, 3, 1]
 
@@ -71,10 +72,10 @@ def test_soft_maximum_is_close_from_above_and_smooth():
     values = jnp.array([1.0, 0.99, -3.0])
     size = float(jnp.sqrt(jnp.mean(values**2)))
     for sharpness in (10.0, 100.0, 1000.0):
-        excess = float(soft_maximum(values, sharpness)) - 1.0
+        excess = float(problem.soft_maximum(values, sharpness)) - 1.0
         assert 0 < excess <= size * np.log(3) / sharpness
-    assert float(jax.grad(lambda v: soft_maximum(v, 50.0))(values).sum()) > 0.9
-    assert float(soft_maximum(jnp.array([2.5]), 50.0)) == 2.5
+    assert float(jax.grad(lambda v: problem.soft_maximum(v, 50.0))(values).sum()) > 0.9
+    assert float(problem.soft_maximum(jnp.array([2.5]), 50.0)) == 2.5
 
 
 def test_forced_vibration_needs_an_excitation(tmp_path):
@@ -84,10 +85,10 @@ def test_forced_vibration_needs_an_excitation(tmp_path):
 
 def test_a_design_is_where_its_values_say(tmp_path):
     study = load(tmp_path, HEAD)
-    x = in_box(study, {"pulley.accessory.radius": 0.0335})
+    x = problem.in_box(study, {"pulley.accessory.radius": 0.0335})
     np.testing.assert_allclose(x, [0.5])
-    assert float(drive_at(study, jnp.asarray(x)).pulleys[2].radius) == pytest.approx(0.0335)
-    assert own_values(study) == {"pulley.accessory.radius": 0.02697}
+    assert float(problem.drive_at(study, jnp.asarray(x)).pulleys[2].radius) == pytest.approx(0.0335)
+    assert problem.own_values(study) == {"pulley.accessory.radius": 0.02697}
 
 
 BAD = {

@@ -1,13 +1,13 @@
 """One study by several optimizers, stopped and gone on with, traded off, chosen for, coupled."""
 
 import dataclasses
+import importlib
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import openmdao.api as om
 import pytest
-from beltjax.optimize.openmdao import DriveComponent, variable_name
 from drives import EXAMPLES
 
 import beltjax as bj
@@ -105,8 +105,10 @@ def test_limits_that_cannot_be_met_together_are_named(study):
 
 
 def test_openmdao_checks_the_derivatives_and_finds_the_design(study, best):
+    component = importlib.import_module("beltjax.optimize.openmdao")
+    variable_name = component.variable_name
     problem = om.Problem(reports=False)
-    problem.model.add_subsystem("drive", DriveComponent(study=study), promotes=["*"])
+    problem.model.add_subsystem("drive", component.DriveComponent(study=study), promotes=["*"])
     limits = study.variables
     for name, low, high in zip(limits.names, limits.lower, limits.upper, strict=True):
         problem.model.add_design_var(variable_name(name), float(low), float(high))
