@@ -1,11 +1,12 @@
 """Chapter 5, the pictures: belts on their pulleys, tensions, speeds, largest moments."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import jax.numpy as jnp
 import numpy as np
 
 import beltjax as bj
+from beltjax.analysis.contact import ContactState
 from beltjax.analysis.contact_path import BeltPiece, belt_pieces
 from beltjax.report.contact_figures import draw_contact
 from beltjax.report.validation.contact import (
@@ -35,15 +36,27 @@ _LABELS = [f"EI = {EI:g} N m²" for EI in printed.STIFFNESSES]
 
 def plates(regular: Answers, largest: Answers) -> Iterator[Plate]:
     """Figs. 5.4 to 5.8."""
-    yield _on_pulleys("5.4", regular, 0)
+    yield _on_pulleys("5.4", regular, 0, _arcs)
     yield _along_spans(regular)
     yield _two_models(regular)
-    plate = _on_pulleys("5.7", largest, HALF)
+    plate = _on_pulleys("5.7", largest, HALF, _departures)
     yield plate._replace(lines=(*_departure_lines(largest), *plate.lines))
     yield _over_speed(largest)
 
 
-def _on_pulleys(number: str, answers: Answers, column: int) -> Plate:
+def _arcs(state: ContactState) -> str:
+    slip, adhesion = np.degrees(state.slips[0]), np.degrees(state.adhesions[0])
+    return f"slip {slip:.1f}°, adhesion {adhesion:.1f}°"
+
+
+def _departures(state: ContactState) -> str:
+    at = [f"{angle:.2f}°" for angle in departures(state)]
+    return f"tight span {at[0]} and {at[1]}, slack span {at[2]} and {at[3]}"
+
+
+def _on_pulleys(
+    number: str, answers: Answers, column: int, said: Callable[[ContactState], str]
+) -> Plate:
     """Where the belt runs free, adheres and slips."""
     figure, axes = panels(len(LOADED), 1, 7.6, 3.6)
     points, zones, stiffnesses, lines = [], [], [], []
@@ -52,14 +65,14 @@ def _on_pulleys(number: str, answers: Answers, column: int) -> Plate:
         drive, state = answers.drives[k], answers.states[k][column]
         pieces = belt_pieces(state)
         draw_contact(panel, drive, state, pieces)
-        panel.set_title(_LABELS[k], fontsize=11)
+        panel.set_title(f"{_LABELS[k]}: {said(state)}", fontsize=11)
         for piece in pieces:
             points.append(piece.positions)
             zones += [piece.zone] * len(piece.positions)
             stiffnesses += [EI] * len(piece.positions)
         for i, name in enumerate(drive.pulley_names):
-            said = f"adhesion of the {name} (deg), EI = {EI:g}"
-            lines.append(shown(f"Fig. {number}", said, np.degrees(state.adhesions[i])))
+            quantity = f"adhesion of the {name} (deg), EI = {EI:g}"
+            lines.append(shown(f"Fig. {number}", quantity, np.degrees(state.adhesions[i])))
     path = np.concatenate(points)
     data = dataset(
         "The belt's path, in the direction of travel",
