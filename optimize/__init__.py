@@ -23,7 +23,6 @@ from .pareto import FrontPoint as FrontPoint
 from .pareto import pareto as pareto
 from .postoptimal import PostOptimal as PostOptimal
 from .postoptimal import fixed_numbers as fixed_numbers
-from .postoptimal import number_value as number_value
 from .postoptimal import post_optimal as post_optimal
 from .quantities import Answers as Answers
 from .quantities import quantity as quantity

@@ -5,9 +5,9 @@ from typing import NamedTuple
 import equinox as eqx
 import numpy as np
 
-from beltjax.drive.components import Drive, as_real
-from beltjax.drive.numbers import SPEEDS, TORQUE, number_names, with_number
-from beltjax.drive.variables import ANGLE, ARM_LENGTH, value_of
+from beltjax.drive.components import as_real
+from beltjax.drive.numbers import SPEEDS, TORQUE, number_names, number_value, with_number
+from beltjax.drive.variables import ANGLE, ARM_LENGTH
 
 from .optimality import Local, optimality, response_to
 from .outcome import Design
@@ -74,7 +74,7 @@ def post_optimal(
 
 def _difference(study: Study, scales: Scales, rows, at: Local, name: str) -> Local:
     """Derivatives of a problem's values and first derivatives with respect to one number."""
-    value = number_value(study.drive, name)
+    value = float(number_value(study.drive, study.point, name))
     h = _STEP * max(abs(value), 1e-3)
     ends = []
     for side in (value + h, value - h):
@@ -87,12 +87,3 @@ def _difference(study: Study, scales: Scales, rows, at: Local, name: str) -> Loc
     return Local(
         at.x, *((np.asarray(a) - b) / (2 * h) for a, b in zip(up[1:], down[1:], strict=True))
     )
-
-
-def number_value(drive: Drive, name: str) -> float:
-    """Value of one of a drive's numbers, SI."""
-    words = name.split(".")
-    if words[:2] == ["tensioner", "pivot"]:
-        assert drive.tensioner is not None
-        return float(drive.tensioner.pivot["xy".index(words[2])])
-    return float(value_of(drive, name))

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from beltjax.analysis.linearization import has_inertias
 from beltjax.analysis.sweep import sweep
 from beltjax.drive.components import Drive, OperatingPoint
+from beltjax.drive.numbers import number_value
 from beltjax.report.curves import sweep_figure
 from beltjax.report.documents import span_label
 from beltjax.report.figures import before_and_after
@@ -116,7 +117,7 @@ def _sensitivities(study: Any, design: Any) -> list[tuple[str, float, float]]:
         found = optimize.post_optimal(study, design)
     except ValueError:  # no strict optimum: nothing to differentiate
         return []
-    sizes = [float(optimize.number_value(study.drive, name)) for name in found.names]
+    sizes = [float(number_value(study.drive, study.point, name)) for name in found.names]
     rows = [
         (name, 0.01 * size * float(slope), float(slope))
         for name, size, slope in zip(found.names, sizes, found.objective, strict=True)
