@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from browser import toured
 from drives import EXAMPLES
 
 import beltjax as bj
@@ -46,6 +47,12 @@ def test_frequencies_are_kept_off_the_firing_order(run, tmp_path):
     assert "Every limit is met" in page
     assert page.count("<svg") == 3
     assert "http" not in page.replace("http://www.w3.org", "")  # names of XML, not addresses
+    (tmp_path / "pages").mkdir()
+    (tmp_path / "pages" / "r.html").write_text(page)
+    server = toured(tmp_path / "pages")
+    assert [one["screen"] for one in server.found] == ["phone", "desktop"]
+    assert all(one["sideways"] == 0 and one["problems"] == [] for one in server.found)
+    assert server.missing == []
 
 
 def test_the_search_of_another_study_is_refused(run, tmp_path):
