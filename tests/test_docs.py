@@ -18,7 +18,7 @@ BLOCKS = {
     "exploration": 4,
     "first_drive": 2,
     "moving_beam": 4,
-    "optimizing": 1,
+    "optimizing": 2,
     "reading": 3,
     "robust": 4,
     "troubleshooting": 1,
@@ -62,10 +62,14 @@ def test_the_first_drive_is_one(tmp_path):
 
 
 def test_the_study_of_the_page_is_one(tmp_path):
-    (study_file,) = blocks_of(ROOT / "docs" / "optimizing.md", "toml")
+    study_file, points = blocks_of(ROOT / "docs" / "optimizing.md", "toml")
     (tmp_path / "study.toml").write_text(study_file)
-    shutil.copy(ROOT / "examples" / "three_pulley.toml", tmp_path)
+    for name in ("three_pulley", "seven_pulley"):
+        shutil.copy(ROOT / "examples" / f"{name}.toml", tmp_path)
     assert len(bj.optimize.load_study(tmp_path / "study.toml").variables.names) == 2
+    seven = study_file.replace("three_pulley", "seven_pulley").replace("accessory", "alternator")
+    (tmp_path / "seven.toml").write_text(seven + points)
+    assert bj.optimize.load_study(tmp_path / "seven.toml").cases.names == ("idle", *4 * ["driving"])
 
 
 def keys_of(table):
