@@ -17,6 +17,10 @@ import beltjax.cli  # noqa: E402
 jax.config.update("jax_enable_x64", True)
 
 
+# These run the three-pulley study.
+STUDIES = ("test_cli.py", "test_cli_study.py", "test_design.py", "test_readme.py")
+
+
 @pytest.fixture
 def run(monkeypatch, capsys, tmp_path):
     """Run the command line in this process, in an empty folder: status, output, errors."""
@@ -34,8 +38,9 @@ def run(monkeypatch, capsys, tmp_path):
 
 
 def pytest_collection_modifyitems(items):
-    """A worker takes whole files, and all of contact: those share what takes longest to compile."""
+    """A worker takes whole files, all of contact, and all of studies: they share what compiles."""
     for item in items:
         name = item.path.name
-        group = "contact" if "contact" in name else str(item.path)
+        group = "studies" if name in STUDIES else str(item.path)
+        group = "contact" if "contact" in name else group
         item.add_marker(pytest.mark.xdist_group(group))

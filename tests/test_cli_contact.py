@@ -88,6 +88,7 @@ def test_missing_friction_names_the_pulley_and_writes_nothing(run, tmp_path):
     assert not (tmp_path / "x.json").exists()
 
 
+@pytest.mark.slow
 def test_three_pulleys_without_torque_have_no_largest(run):
     status, _, err = run("contact", EXAMPLES / "three_pulley.toml", "--maximum")
     assert status == 1

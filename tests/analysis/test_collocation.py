@@ -67,7 +67,7 @@ def directions(given):
 
 
 # Thin layers at every run, the others by `pytest -m slow`.
-USUAL = {("three_pulley", 0.005), ("seven_pulley", 0.02)}
+USUAL = {("three_pulley", 0.005)}
 CASES = [
     pytest.param(name, eps, marks=() if (name, eps) in USUAL else pytest.mark.slow)
     for name in ("three_pulley", "seven_pulley")

@@ -20,7 +20,7 @@ def answers(drive, point):
 
 # Each drive and each rule at every run, the other pairs by `pytest -m slow`.
 PAIRS = [
-    ("three_pulley", "belt"),
+    pytest.param("three_pulley", "belt", marks=pytest.mark.slow),
     ("seven_pulley", "tension"),
     pytest.param("three_pulley", "tension", marks=pytest.mark.slow),
     pytest.param("seven_pulley", "belt", marks=pytest.mark.slow),
@@ -74,6 +74,7 @@ def test_slope_with_the_driver_radius_depends_on_the_installation(rule, slope):
     assert float(jax.grad(total)(drive.pulleys[0].radius)) == pytest.approx(slope, rel=5e-3)
 
 
+@pytest.mark.slow
 def test_second_derivatives_nest():
     drive, point = example("three_pulley")
 

@@ -128,6 +128,7 @@ def test_shapes_of_simple_modes():
     np.testing.assert_allclose(slopes, differences, atol=1e-6 * np.abs(slopes).max())
 
 
+@pytest.mark.slow
 def test_damped_modes():
     drive, point = at_groups(vibrating("three_pulley"), 0.04, 0.5)
     damping = bj.Damping(modal=0.02, stiffness=1e-5)
@@ -149,6 +150,7 @@ def test_damped_modes():
     np.testing.assert_allclose(forward, differences, rtol=1e-6, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_a_bad_lane_leaves_its_neighbors_alone():
     drive, _ = example("three_pulley")
 

@@ -97,7 +97,7 @@ def test_legendre_converges_exponentially(eps):
 
 
 @pytest.mark.parametrize(
-    "name", [DRIVES[0], pytest.param(DRIVES[1], marks=pytest.mark.slow), DRIVES[2]]
+    "name", [DRIVES[0], *(pytest.param(name, marks=pytest.mark.slow) for name in DRIVES[1:])]
 )
 def test_exact_route_finds_every_frequency(name):
     drive = vibrating(name)

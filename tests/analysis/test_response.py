@@ -117,6 +117,7 @@ def test_speed_response_is_the_response_at_each_speed():
     np.testing.assert_allclose(found.span_peaks[1], alone.span_peaks[0], rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_derivative_of_the_peak_over_a_range():
     drive, point = at_groups(vibrating("three_pulley"), 0.04, 0.5)
 

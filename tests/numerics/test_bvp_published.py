@@ -101,7 +101,10 @@ def test_sturm_liouville_eigenvalue(n):
     assert float(solution.parameters[0]) == pytest.approx(exact, rel=1e-8)
 
 
-@pytest.mark.parametrize("e", sorted(SWIRL))
+SLOW_SWIRL = [pytest.param(e, marks=pytest.mark.slow) for e in sorted(SWIRL)[1:]]
+
+
+@pytest.mark.parametrize("e", [sorted(SWIRL)[0], *SLOW_SWIRL])
 def test_swirling_flow(e):
     x = jnp.linspace(0.0, 1.0, 2)
     guess = (x, jnp.stack([0 * x, 0 * x, 0 * x, 0 * x, 2 * x - 1, 2 + 0 * x]))
@@ -114,7 +117,9 @@ def test_swirling_flow(e):
     np.testing.assert_allclose(g, SWIRL[e][1], atol=1e-7)
 
 
-@pytest.mark.parametrize("e", [0.3, 0.02, 1e-3, 1e-4])
+@pytest.mark.parametrize(
+    "e", [0.3, *(pytest.param(e, marks=pytest.mark.slow) for e in (0.02, 1e-3, 1e-4))]
+)
 def test_tensioned_beam(e):
     solution = four_states(problems.TENSIONED, e)
     assert solution.result == RESULTS.successful

@@ -101,7 +101,9 @@ def test_string_runs_up_to_its_critical_speed(beta, critical):
     assert not runs(critical + 1e-4)
 
 
-@pytest.mark.parametrize("eps", [0.01, 0.05, 0.12])
+@pytest.mark.parametrize(
+    "eps", [0.05, *(pytest.param(e, marks=pytest.mark.slow) for e in (0.01, 0.12))]
+)
 def test_exact_equals_an_independent_collocation(eps):
     model = prototype(eps, 0.3, (0.95, 0.95, 1.3))
     solved, peer = exact(model), solve_standard_form(model, tol=1e-9)
