@@ -40,8 +40,14 @@ def test_forward_reverse_and_differences_agree(name):
         forward, reverse, differences, size = three_ways(at, values, 5e-5)
         assert np.all(np.isfinite(forward))
         size = np.maximum(size, 1e-9)  # a factor that is given moves with nothing
-        assert np.max(np.abs(forward - reverse) / np.maximum(np.abs(forward), 1e-6 * size)) < 1e-8
+        # Beside rounding of the whole system: an adhesion that stays zero has no size of its own.
+        rounding = 1e-14 * np.max(np.abs(forward), axis=0)
+        scale = np.maximum(np.abs(forward), 1e-6 * size)
+        assert np.all(np.abs(forward - reverse) <= 1e-8 * scale + rounding)
         worst = np.abs(forward - differences) / np.maximum(np.abs(forward), 1e-3 * size)
+        # An idler's arc of slip, |ln(P_out/P_in)|/mu, has a kink where it takes no torque.
+        kinks = [name.startswith("operation.torque") for name in names] & (values == 0)
+        worst = np.where(kinks, 0.0, worst)
         where = np.unravel_index(np.argmax(worst), worst.shape)
         assert worst.max() < 1e-5, f"d answer[{where[0]}]/d {names[where[1]]}"
 
