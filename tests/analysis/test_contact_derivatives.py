@@ -47,7 +47,8 @@ def test_forward_reverse_and_differences_agree(name):
         scale = np.maximum(np.abs(forward), 1e-3 * size) + 100 * rounding / 1e-5
         worst = np.abs(forward - differences) / scale
         # An idler's arc of slip, |ln(P_out/P_in)|/mu, has a kink where it takes no torque.
-        kinks = [name.startswith("operation.torque") for name in names] & (values == 0)
+        torques = np.array([name.startswith("operation.torque") for name in names])
+        kinks = torques & (np.asarray(values) == 0)
         worst = np.where(kinks, 0.0, worst)
         where = np.unravel_index(np.argmax(worst), worst.shape)
         assert worst.max() < 1e-5, f"d answer[{where[0]}]/d {names[where[1]]}"
