@@ -59,6 +59,12 @@ class Question(eqx.Module):
         if self.modes:
             require_count(self.drive, self.modes, self.basis)
 
+    def answers(self, values: Float[Array, " numbers"]) -> Answers:
+        """What the analyses say of one design."""
+        changed = dict(zip(self.names, values, strict=True))
+        drive, point = with_numbers(self.drive, self.point, changed)
+        return Answers(drive, point, steady_state(drive, point, throw=False))
+
     def parts(self) -> dict[str, int | None]:
         """How many numbers each quantity is; None for a plain number."""
         if not any(map(is_many, self.quantities)):
@@ -155,29 +161,16 @@ def _sharded(devices: int) -> Any:
 
 
 def _answer(question: Question, values: Float[Array, " numbers"]) -> dict[str, Array]:
-    asked = dict(zip(question.names, values, strict=True))
-    drive, point = with_numbers(question.drive, question.point, asked)
-    steady = steady_state(drive, point, throw=False)
-    of = Answers(drive, point, steady)
-    found = {name: quantity(name, drive).measure(of) for name in question.quantities}
+    of = question.answers(values)
+    found = {name: quantity(name, of.drive).measure(of) for name in question.quantities}
     runs = of.found()
     found = {
         name: jnp.where(runs, x if is_many(name) else x[0], jnp.nan) for name, x in found.items()
     }
-    result = _result(of)
+    result = of.result
     if question.modes:
-        lowest = modes(linearize(steady, question.basis), question.modes, route="hermitian")
+        lowest = modes(linearize(of.steady, question.basis), question.modes, route="hermitian")
         stable = succeeded(lowest.result)
         found[FREQUENCY] = jnp.where(stable, lowest.frequencies, jnp.nan)
         result = RESULTS.where(succeeded(result), lowest.result, result)
     return found | {RESULT: code(result)}
-
-
-def _result(of: Answers) -> RESULTS:
-    """The first failure of what was asked: the running belt, then what was made of it."""
-    result = of.steady.result
-    for analysis in ("contact", "slipping", "modes", "response"):
-        if analysis in vars(of):  # asked for, and kept there
-            own = getattr(of, analysis).result
-            result = RESULTS.where(succeeded(result), own, result)
-    return result

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from beltjax.drive.components import as_real
-from beltjax.drive.numbers import with_number
+from beltjax.drive.numbers import with_numbers
 from beltjax.numerics.compilation import quickly_compiled
 
 from .outcome import Design, report
@@ -39,25 +39,24 @@ def enumerated(study: Study, advance: Advance | None = None) -> list[Chosen]:
     asked = len(study.constraints.names)
     combinations = list(itertools.product(*(choice.options for choice in study.choices)))
     tell("compiling", 0, None)
-    studies = [with_implied_constraints(_with(study, options)) for options in combinations]
+    numbers = [dict(pair for o in options for pair in o.numbers) for options in combinations]
+    studies = [with_implied_constraints(_with(study, values)) for values in numbers]
     begins = [starting_points(one) for one in studies]
     states = _searched(studies, begins, tell)
     found = []
-    for options, one, begin, end in zip(combinations, studies, begins, states, strict=True):
+    columns = combinations, numbers, studies, begins, states
+    for options, values, one, begin, end in zip(*columns, strict=True):
         rows = limited_rows(one, begin.parts)
         look = looking(one, begin.scales, rows)
         design = report(one, asked, begin, rows, look, ends_of(end))
         labels = {c.name: o.label for c, o in zip(study.choices, options, strict=True)}
-        numbers = {name: value for option in options for name, value in option.numbers}
-        found.append(Chosen(labels, numbers, design))
+        found.append(Chosen(labels, values, design))
     return sorted(found, key=lambda c: (not c.design.success, c.design.final or 0.0))
 
 
-def _with(study: Study, options) -> Study:
-    drive = study.drive
-    for option in options:
-        for name, value in option.numbers:
-            drive, _ = with_number(drive, study.point, name, as_real(value))
+def _with(study: Study, numbers: dict[str, float]) -> Study:
+    real = {name: as_real(value) for name, value in numbers.items()}
+    drive, _ = with_numbers(study.drive, study.point, real)
     return dataclasses.replace(study, drive=drive, choices=())
 
 

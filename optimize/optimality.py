@@ -148,10 +148,16 @@ def _equality_step(at: Local, bent: np.ndarray, rows: Vector) -> tuple[Vector, V
 
     By least squares, since several limits may say the same.
     """
-    a, n = at.dc[rows], len(at.x)
-    system = np.block([[bent, a.T], [a, np.zeros((len(rows), len(rows)))]])
-    found = np.linalg.lstsq(system, -np.concatenate([at.df, at.c[rows]]), rcond=1e-13)[0]
-    return found[:n], found[n:]
+    return _saddle_solution(bent, at.dc[rows], -at.df, -at.c[rows])
+
+
+def _saddle_solution(
+    bent: np.ndarray, a: np.ndarray, first: np.ndarray, second: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Step and multipliers of bent x + a^T mu = first, a x = second; right sides may be columns."""
+    system = np.block([[bent, a.T], [a, np.zeros((len(a), len(a)))]])
+    found = np.linalg.lstsq(system, np.concatenate([first, second]), rcond=1e-13)[0]
+    return found[: len(bent)], found[len(bent) :]
 
 
 def _shortened(at: Local, step: Vector, residual: float, look: Look) -> Local | None:
@@ -175,7 +181,4 @@ def response_to(at: Local, shown: Optimality, look: Look, mixed: np.ndarray, mov
     if bent is None or (shown.curvature is not None and shown.curvature <= 0):
         raise ValueError("the optimum is not strict: it has no derivative")
     rows = np.flatnonzero(shown.active & (shown.multipliers > BINDING))
-    a, n = at.dc[rows], len(at.x)
-    system = np.block([[bent, a.T], [a, np.zeros((len(rows), len(rows)))]])
-    right = -np.concatenate([mixed, moved[rows]])
-    return np.linalg.lstsq(system, right, rcond=1e-13)[0][:n]
+    return _saddle_solution(bent, at.dc[rows], -mixed, -moved[rows])[0]

@@ -181,8 +181,11 @@ def _row_names(study: Study, parts: list[int], rows: np.ndarray) -> list[str]:
         for side in ("lower", "upper")
         for _ in range(n)
     ]
-    ends = [f"{name} {side}" for side in ("lower", "upper") for name in study.variables.names]
-    return [every[row] for row in rows] + ends
+    return [every[row] for row in rows] + _bound_names(study)
+
+
+def _bound_names(study: Study) -> list[str]:
+    return [f"{name} {side}" for side in ("lower", "upper") for name in study.variables.names]
 
 
 def _bound_prices(study: Study, evidence: Optimality | None, size: float) -> dict[str, float]:
@@ -192,11 +195,8 @@ def _bound_prices(study: Study, evidence: Optimality | None, size: float) -> dic
     n = len(study.variables.names)
     span = np.asarray(study.variables.upper - study.variables.lower)
     low, high = np.split(evidence.multipliers[-2 * n :] * size, 2)
-    held = {f"{name} lower": p for name, p in zip(study.variables.names, low / span, strict=True)}
-    held |= {
-        f"{name} upper": -p for name, p in zip(study.variables.names, high / span, strict=True)
-    }
-    return {name: float(price) for name, price in held.items() if price}
+    prices = zip(_bound_names(study), [*(low / span), *(-high / span)], strict=True)
+    return {name: float(price) for name, price in prices if price}
 
 
 def _named_scales(study: Study, scales: Scales) -> dict[str, float]:

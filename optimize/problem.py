@@ -59,9 +59,8 @@ class Slopes(NamedTuple):
 
 def drive_at(study: Study, x: Unit) -> Drive:
     """The design at `x` in the unit box."""
-    bounds = study.variables
-    values = bounds.lower + x * (bounds.upper - bounds.lower)
-    return with_values(study.drive, dict(zip(bounds.names, values, strict=True)))
+    values = dict(zip(study.variables.names, _out_of_box(study, x), strict=True))
+    return with_values(study.drive, values)
 
 
 def in_box(study: Study, values: dict[str, float]) -> np.ndarray:
@@ -78,9 +77,13 @@ def own_values(study: Study) -> dict[str, float]:
 
 def values_at(study: Study, x: Array | np.ndarray) -> dict[str, float]:
     """The design variables at `x` in the unit box (SI)."""
+    values = np.asarray(_out_of_box(study, x))
+    return dict(zip(study.variables.names, map(float, values), strict=True))
+
+
+def _out_of_box(study: Study, x: Array | np.ndarray) -> Array:
     bounds = study.variables
-    values = np.asarray(bounds.lower + x * (bounds.upper - bounds.lower))
-    return dict(zip(bounds.names, map(float, values), strict=True))
+    return bounds.lower + x * (bounds.upper - bounds.lower)
 
 
 def with_implied_constraints(study: Study) -> Study:

@@ -29,23 +29,24 @@ MODAL_DAMPING = 0.02  # of forced vibration, beside the arm's own
 ORDER = 2.0  # of forced vibration, unless the drive file says: four-cylinder firing
 
 
+_OF_CONTACT, _OF_VIBRATION = ("contact", "slipping"), ("modes", "response")  # of `Answers`
+
+
 class Answers:
     """What the analyses say of one drive, each asked when a quantity needs it, and once."""
 
     def __init__(self, drive: Drive, point: OperatingPoint, steady: SteadyState):
         self.drive, self.point, self.steady = drive, point, steady
-        self._contacts: list[ContactState] = []
-        self._others: list[RESULTS] = []
 
     @functools.cached_property
     def contact(self) -> ContactState:
         """Belt and pulleys in contact, under the operating point's torques."""
-        return self._kept(contact_state(self.drive, self.point, throw=False))
+        return contact_state(self.drive, self.point, throw=False)
 
     @functools.cached_property
     def slipping(self) -> ContactState:
         """The same under the largest torques."""
-        return self._kept(maximum_moment(self.drive, self.point, throw=False))
+        return maximum_moment(self.drive, self.point, throw=False)
 
     @functools.cached_property
     def linearization(self) -> Linearization:
@@ -55,9 +56,7 @@ class Answers:
     @functools.cached_property
     def modes(self) -> Modes:
         """The natural modes of lowest frequency."""
-        found = modes(self.linearization, MODES, route="hermitian")
-        self._others.append(found.result)
-        return found
+        return modes(self.linearization, MODES, route="hermitian")
 
     @functools.cached_property
     def response(self) -> Response:
@@ -66,34 +65,40 @@ class Answers:
         assert shaken is not None  # as `quantity`'s callers hold
         order = ORDER if shaken.order is None else shaken.order
         crank = 0.0 if shaken.crank is None else shaken.crank
-        found = frequency_response(
+        return frequency_response(
             self.linearization,
             order * self.driver_speed[None],
             Excitation(crank, dict(shaken.torque)),
             self.drive.pulley_names,
             damping=Damping(modal=MODAL_DAMPING),
         )
-        self._others.append(found.result)
-        return found
 
     @property
     def driver_speed(self) -> Float[Array, ""]:
         """Of the driver's rotation [rad/s]."""
         return self.point.speed(self.drive) / (self.drive.drives @ self.drive.radii)
 
-    def _kept(self, found: ContactState) -> ContactState:
-        self._contacts.append(found)
-        return found
-
     def found(self) -> Bool[Array, ""]:
         """Whether all that was asked so far has an answer, be it of a drive that slips."""
         good = succeeded(self.steady.result)
-        for state in self._contacts:
-            slips = (state.result == RESULTS.gross_slip) | (state.result == RESULTS.wrap_vanished)
-            good = good & (succeeded(state.result) | slips)
-        for result in self._others:
+        for result in self._asked(_OF_CONTACT):
+            slips = (result == RESULTS.gross_slip) | (result == RESULTS.wrap_vanished)
+            good = good & (succeeded(result) | slips)
+        for result in self._asked(_OF_VIBRATION):
             good = good & succeeded(result)
         return good
+
+    @property
+    def result(self) -> RESULTS:
+        """The first failure of what was asked so far: the running belt, then what is made of it."""
+        result = self.steady.result
+        for own in self._asked(_OF_CONTACT + _OF_VIBRATION):
+            result = RESULTS.where(succeeded(result), own, result)
+        return result
+
+    def _asked(self, analyses: tuple[str, ...]) -> list[RESULTS]:
+        """Results of those analyses that were asked: a cached property is kept in `vars`."""
+        return [getattr(self, name).result for name in analyses if name in vars(self)]
 
 
 Measure = Callable[[Answers], Float[Array, " parts"]]

@@ -9,13 +9,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from beltjax.analysis.steady import steady_state
 from beltjax.drive.components import Drive, OperatingPoint
-from beltjax.drive.numbers import number_value, with_numbers
+from beltjax.drive.numbers import number_value
 from beltjax.numerics.compilation import quickly_compiled
 
 from .batches import FEW, Question, in_batches
-from .quantities import Answers, quantity
+from .quantities import quantity
 from .uncertainty import (
     Indices,
     Linear,
@@ -202,10 +201,8 @@ def _nominal(question: Question) -> Float[Array, " numbers"]:
 
 def _measured(question: Question, numbers: Array) -> Float[Array, " quantities+1"]:
     """The quantities of one drive, the least of their parts; and 1 where it runs, else 0."""
-    changed = dict(zip(question.names, numbers, strict=True))
-    drive, point = with_numbers(question.drive, question.point, changed)
-    of = Answers(drive, point, steady_state(drive, point, throw=False))
-    found = [jnp.min(quantity(name, drive).measure(of)) for name in question.quantities]
+    of = question.answers(numbers)
+    found = [jnp.min(quantity(name, of.drive).measure(of)) for name in question.quantities]
     return jnp.stack([*found, of.found().astype(float)])
 
 

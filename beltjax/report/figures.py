@@ -133,11 +133,10 @@ def draw_mode(
     steady = modes.linearization.steady
     for i, w in enumerate(spans):
         start, end, normal = (np.asarray(part[i]) for part in (at.starts, at.ends, at.normals))
-        rest = (
-            enlarged * float(at.span_lengths[i]) * np.asarray(steady.deflection(i, jnp.asarray(x)))
-        )
-        line = start + x[:, None] * (end - start) + rest[:, None] * normal
+        line = start + x[:, None] * (end - start)
         if enlarged:
+            rest = np.asarray(steady.deflection(i, jnp.asarray(x))) * float(at.span_lengths[i])
+            line = line + enlarged * rest[:, None] * normal
             axes.plot(*(1e3 * line.T), "--", color="black", linewidth=1.2)
         axes.plot(*(1e3 * (line + scale * w[:, None] * normal).T), color=AFTER, linewidth=1.8)
     for center, radius, angle in zip(centers, radii, scale * rotations, strict=True):

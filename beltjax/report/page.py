@@ -18,6 +18,7 @@ from beltjax.drive.numbers import number_value
 from beltjax.report.curves import sweep_figure
 from beltjax.report.documents import span_label
 from beltjax.report.figures import before_and_after
+from beltjax.report.tables import largest_changes
 
 _ORDERS = (2.0, 4.0)
 _SPEEDS = np.linspace(600, 6000, 61) * 2 * np.pi / 60  # of the driver [rad/s]
@@ -118,9 +119,6 @@ def _sensitivities(study: Any, design: Any) -> list[tuple[str, float, float]]:
     except ValueError:  # no strict optimum: nothing to differentiate
         return []
     sizes = [float(number_value(study.drive, study.point, name)) for name in found.names]
-    rows = [
-        (name, 0.01 * size * float(slope), float(slope))
-        for name, size, slope in zip(found.names, sizes, found.objective, strict=True)
-        if size and slope
+    return largest_changes(zip(found.names, sizes, found.objective.tolist(), strict=True))[
+        :_LARGEST
     ]
-    return sorted(rows, key=lambda row: -abs(row[1]))[:_LARGEST]

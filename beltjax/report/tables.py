@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 from rich.console import Group
@@ -86,16 +86,16 @@ def _sensitivity_table(slopes: dict[str, Any], sizes: dict[str, Any]) -> Table:
         "change of Gamma",
         "d Gamma/d number (SI)",
     )
-    rows = [
-        (name, 0.01 * size * slope, slope)
-        for name in slopes
-        for name, size, slope in _components(name, sizes[name], slopes[name])
-        if size and slope
-    ]
-    rows.sort(key=lambda row: -abs(row[1]))
-    for name, change, slope in rows[:_LARGEST_SENSITIVITIES]:
+    parts = (p for name in slopes for p in _components(name, sizes[name], slopes[name]))
+    for name, change, slope in largest_changes(parts)[:_LARGEST_SENSITIVITIES]:
         table.add_row(escape(name), f"{change:+.3e}", f"{slope:+.4g}")
     return table
+
+
+def largest_changes(parts: Iterable[tuple[str, float, float]]) -> list[tuple[str, float, float]]:
+    """Of names, sizes and slopes: name, change per 1 % of the size, slope; the largest first."""
+    rows = [(name, 0.01 * size * slope, slope) for name, size, slope in parts if size and slope]
+    return sorted(rows, key=lambda row: -abs(row[1]))
 
 
 def _components(name: str, size: Any, slope: Any) -> list[tuple[str, float, float]]:
