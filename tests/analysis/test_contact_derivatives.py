@@ -44,8 +44,13 @@ def test_forward_reverse_and_differences_agree(name):
         rounding = 1e-14 * np.max(np.abs(forward), axis=0)
         scale = np.maximum(np.abs(forward), 1e-6 * size)
         assert np.all(np.abs(forward - reverse) <= 1e-8 * scale + rounding)
-        scale = np.maximum(np.abs(forward), 1e-3 * size) + 100 * rounding / 1e-5
+        scale = np.maximum(np.abs(forward), 1e-3 * size)
         worst = np.abs(forward - differences) / scale
+        # Under the largest torque one arc of adhesion is nothing, whatever the numbers.
+        held = np.abs(np.asarray(at(values))) < 1e-12
+        assert np.sum(held) == int(maximum)
+        assert np.all(np.abs(forward[held]) <= 10 * rounding)
+        worst[held] = 0.0
         # An idler's arc of slip, |ln(P_out/P_in)|/mu, has a kink where it takes no torque.
         torques = np.array([name.startswith("operation.torque") for name in names])
         kinks = torques & (np.asarray(values) == 0)
