@@ -90,6 +90,7 @@ def test_equals_the_closed_form_with_its_derivatives(name, eps):
         assert np.max(np.abs(found - wanted)) < 1e-7 * scale
 
 
+@pytest.mark.slow  # compiles the whole solution of every span
 def test_deflection_is_the_closed_form():
     given, point = with_bending("three_pulley", 0.1)
     x = jnp.linspace(0.0, 1.0, 57)

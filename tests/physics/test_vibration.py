@@ -50,7 +50,9 @@ def by_energy(steady, model, basis):
     return rr, zr.T - zr, -zz
 
 
-@pytest.mark.parametrize("name", ["three_pulley", "four_pulley", "seven_pulley"])
+@pytest.mark.parametrize(
+    "name", ["three_pulley", pytest.param("four_pulley", marks=pytest.mark.slow), "seven_pulley"]
+)
 @pytest.mark.parametrize("basis", [bj.Sine(4), bj.Legendre(4)], ids=["sine", "legendre"])
 def test_matrices_are_the_energys_second_derivatives(name, basis):
     drive, point = at_groups(vibrating(name), 0.03, 0.5)
