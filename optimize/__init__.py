@@ -13,6 +13,10 @@ from .designs import Grid as Grid
 from .designs import Samples as Samples
 from .exploration import explore as explore
 from .files import load_study as load_study
+from .measures import MeanPlus as MeanPlus
+from .measures import Scatter as Scatter
+from .measures import WorstQuantile as WorstQuantile
+from .measures import smooth_quantile as smooth_quantile
 from .optimality import Optimality as Optimality
 from .outcome import ConstraintReport as ConstraintReport
 from .outcome import Design as Design
@@ -26,11 +30,9 @@ from .postoptimal import fixed_numbers as fixed_numbers
 from .postoptimal import post_optimal as post_optimal
 from .quantities import Answers as Answers
 from .quantities import quantity as quantity
-from .robust import MeanPlus as MeanPlus
 from .robust import Robustness as Robustness
 from .robust import RobustValue as RobustValue
 from .robust import Spread as Spread
-from .robust import WorstQuantile as WorstQuantile
 from .robust import robust_value as robust_value
 from .robust import robustness as robustness
 from .robust import sensitivity_indices as sensitivity_indices
@@ -45,5 +47,4 @@ from .uncertainty import Indices as Indices
 from .uncertainty import Normal as Normal
 from .uncertainty import Uniform as Uniform
 from .uncertainty import linear_moments as linear_moments
-from .uncertainty import smooth_quantile as smooth_quantile
 from .uncertainty import sobol_indices as sobol_indices

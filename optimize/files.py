@@ -19,6 +19,7 @@ from beltjax.errors import FileError
 from .points import PointTable, SiOrText, number_of, read_cases
 from .quantities import is_many
 from .study import Choice, Limits, Option, Study, require_quantity, split_name
+from .tolerances import RobustTable, ToleranceTable, read_scatter
 
 
 class VariableTable(Table):
@@ -78,6 +79,8 @@ class StudyTable(Table):
     constraint: Annotated[list[ConstraintTable], Field(default_factory=list)]
     point: Annotated[list[PointTable], Field(default_factory=list)]
     choice: Annotated[list[ChoiceTable], Field(default_factory=list)]
+    tolerance: Annotated[list[ToleranceTable], Field(default_factory=list)]
+    robust: RobustTable | None = None
     pareto: ParetoTable | None = None
     optimizer: OptimizerTable = OptimizerTable()
 
@@ -104,6 +107,7 @@ def load_study(path: str | os.PathLike[str]) -> Study:
         objective=tuple(objective),
         name=Path(path).stem,
         cases=cases,
+        scatter=read_scatter(file.tolerance, file.robust, drive, path),
         time_limit=_time_limit(file, path),
         choices=tuple(_choice(table, drive, path) for table in file.choice),
         pareto=_front(file, drive, point, known, path),

@@ -28,7 +28,8 @@ class DriveComponent(om.ExplicitComponent):
     """Inputs: a study's variables. Outputs: `objective`, and its constrained quantities.
 
     A quantity of many parts is an array; its limits are the model's to give. All in SI. A design
-    that has no answer raises `openmdao.api.AnalysisError`, from which drivers step back.
+    that has no answer raises `openmdao.api.AnalysisError`, from which drivers step back. A study
+    with tolerances raises `ValueError`.
     """
 
     def initialize(self) -> None:
@@ -38,6 +39,8 @@ class DriveComponent(om.ExplicitComponent):
     def setup(self) -> None:
         """Declare inputs, outputs and that all partial derivatives are exact."""
         study: Study = self.options["study"]
+        if study.scatter is not None:  # a quantity has two values, one for either limit
+            raise ValueError("DriveComponent: the study has tolerances; use `minimize`.")
         own = own_values(study)
         for name in study.variables.names:
             self.add_input(variable_name(name), own[name], units=_units(unit_of(name)))
@@ -52,7 +55,7 @@ class DriveComponent(om.ExplicitComponent):
         """Measure one design."""
         at, _ = self._at(inputs)
         outputs["objective"] = at.objective
-        for name, value in zip(self.options["study"].constraints.names, at.parts, strict=True):
+        for name, value in zip(self.options["study"].constraints.names, at.greatest, strict=True):
             outputs[variable_name(name)] = value
 
     def compute_partials(self, inputs: Any, partials: Any) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -60,7 +63,7 @@ class DriveComponent(om.ExplicitComponent):
         _, slopes = self._at(inputs)
         study: Study = self.options["study"]
         outputs = [("objective", slopes.objective)]
-        outputs += zip(map(variable_name, study.constraints.names), slopes.parts, strict=True)
+        outputs += zip(map(variable_name, study.constraints.names), slopes.greatest, strict=True)
         for i, name in enumerate(study.variables.names):
             for output, slope in outputs:
                 partials[output, variable_name(name)] = slope[..., i]

@@ -1,5 +1,6 @@
 """What a search came to: the optima, the best design, and the evidence for it."""
 
+import dataclasses
 from typing import NamedTuple
 
 import equinox as eqx
@@ -34,6 +35,7 @@ class ConstraintReport(NamedTuple):
     active: bool
     violation: float  # by how much the limit is missed, or 0
     implied: bool  # not asked for by the study, but by every drive that can be built
+    as_drawn: float | None  # the value without the study's tolerances, where it has some
 
 
 class StartReport(NamedTuple):
@@ -61,6 +63,7 @@ class Design(eqx.Module):
     values: dict[str, float]  # of the design variables, SI
     initial: float | None  # objective of the study's own drive; None where that cannot run
     final: float | None  # None where no design runs
+    as_drawn: float | None  # the same without the study's tolerances, where it has some
     constraints: tuple[ConstraintReport, ...]
     starts: tuple[StartReport, ...]
     optima: tuple[Optimum, ...]  # best first
@@ -121,8 +124,8 @@ def report(
     if evidence is not None:
         full[rows] = evidence.multipliers[: len(rows)]
     drive = drive_at(study, jnp.asarray(x))
-    steady, shown = _run(study, drive)
-    own, initial = _run(study, study.drive)
+    steady, shown, drawn = _run(study, drive)
+    own, initial, _ = _run(study, study.drive)
     prices = full * size if evidence is not None else None
     return Design(
         drive=drive,
@@ -131,7 +134,8 @@ def report(
         values=values_at(study, x),
         initial=float(initial.worst) if initial.found else None,
         final=float(shown.worst) if shown.found else None,
-        constraints=_constraint_reports(study, asked, begin.scales, shown, prices),
+        as_drawn=None if drawn is None else float(drawn.worst),
+        constraints=_constraint_reports(study, asked, begin.scales, (shown, drawn), prices),
         starts=tuple(
             StartReport(e.objective * size if e.valid else None, e.ending) for e in found.ends
         ),
@@ -204,38 +208,50 @@ def _named_scales(study: Study, scales: Scales) -> dict[str, float]:
     return {"objective": float(scales.objective)} | {k: float(v) for k, v in named.items()}
 
 
-def _run(study: Study, drive: Drive) -> tuple[SteadyState, Measured]:
+def _run(study: Study, drive: Drive) -> tuple[SteadyState, Measured, Measured | None]:
     return jax.device_get(quickly_compiled(_run_one)(study.asked, drive))
 
 
-def _run_one(study: Study, drive: Drive):
-    return steady_state(drive, study.point, throw=False), measured(study, drive)
+def _run_one(study: Study, drive: Drive) -> tuple[SteadyState, Measured, Measured | None]:
+    """A drive as it runs, what the study measures, and that without the study's tolerances."""
+    drawn = None
+    if study.scatter is not None:
+        drawn = measured(dataclasses.replace(study, scatter=None), drive)
+    return steady_state(drive, study.point, throw=False), measured(study, drive), drawn
 
 
 def _constraint_reports(
-    study: Study, asked: int, scales: Scales, shown: Measured, prices: np.ndarray | None
+    study: Study,
+    asked: int,
+    scales: Scales,
+    measured: tuple[Measured, Measured | None],
+    prices: np.ndarray | None,
 ) -> tuple[ConstraintReport, ...]:
-    reports, place = [], 0
+    (shown, drawn), reports, place = measured, [], 0
     for i, name in enumerate(study.constraints.names):
-        values = shown.parts[i]
+        least, greatest = shown.least[i], shown.greatest[i]
         low, high = float(study.constraints.lower[i]), float(study.constraints.upper[i])
-        scale, parts = float(scales.constraints[i]), len(values)
+        scale, parts = float(scales.constraints[i]), len(least)
         price = None
         if prices is not None:
             of_lower, of_upper = np.split(prices[place : place + 2 * parts], 2)
             price = float(of_lower.sum() - of_upper.sum()) / scale
         place += 2 * parts
-        gap_low, gap_high = float(values.min()) - low, high - float(values.max())
+        gap_low, gap_high = float(least.min()) - low, high - float(greatest.max())
+        closest, values = least.argmin(), least
+        if gap_low > gap_high:
+            closest, values = greatest.argmax(), greatest
         reports.append(
             ConstraintReport(
                 quantity=name,
-                value=float(values.min() if gap_low <= gap_high else values.max()),
+                value=float(values[closest]),
                 lower=low if np.isfinite(low) else None,
                 upper=high if np.isfinite(high) else None,
                 multiplier=price,
                 active=bool(min(gap_low, gap_high) <= ACTIVE * scale),
                 violation=max(0.0, -min(gap_low, gap_high) - FEASIBLE * scale),
                 implied=i >= asked,
+                as_drawn=None if drawn is None else float(drawn.greatest[i][closest]),
             )
         )
     return tuple(reports)

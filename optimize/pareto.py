@@ -110,10 +110,10 @@ class _Trade:
         return np.array(point.objectives) * self._signs
 
     def _measured(self, x: np.ndarray, residual: float) -> FrontPoint:
-        parts = run_measured(self._study, drive_at(self._study, jnp.asarray(x))).parts
+        at = run_measured(self._study, drive_at(self._study, jnp.asarray(x)))
         worst = [
-            s * np.max(s * np.asarray(parts[i]))
-            for s, i in zip(self._signs, self._places, strict=True)
+            np.max(at.greatest[i]) if sign > 0 else np.min(at.least[i])
+            for sign, i in zip(self._signs, self._places, strict=True)
         ]
         return FrontPoint(tuple(map(float, worst)), values_at(self._study, x), residual)
 

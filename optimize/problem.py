@@ -12,6 +12,7 @@ from scipy.stats import qmc
 
 from beltjax.analysis.steady import steady_state
 from beltjax.drive.components import Drive
+from beltjax.drive.numbers import number_value, with_numbers
 from beltjax.drive.variables import value_of, with_values
 from beltjax.numerics.compilation import quickly_compiled
 
@@ -38,12 +39,21 @@ class Scales(NamedTuple):
     constraints: Float[Array, " constraints"]
 
 
-class Measured(NamedTuple):
-    """A design's objective and the parts of each constrained quantity, SI."""
+class Values(NamedTuple):
+    """A drive's objective and the parts of each constrained quantity, SI."""
 
     objective: Float[Array, ""]  # smooth
     worst: Float[Array, ""]  # the same with the true maximum over the operating points
     parts: list[Array]
+
+
+class Measured(NamedTuple):
+    """A design's objective and the parts of each constrained quantity, SI, tolerances counted."""
+
+    objective: Float[Array, ""]  # smooth
+    worst: Float[Array, ""]  # the same with the true maximum over the operating points
+    least: list[Array]  # parts as lower limits see them
+    greatest: list[Array]  # as upper limits see them
     found: Bool[Array, ""]  # whether all analyses have answers
 
 
@@ -96,7 +106,22 @@ def with_implied_constraints(study: Study) -> Study:
 
 
 def measured(study: Study, drive: Drive) -> Measured:
-    """What a study asks of a drive, at all of its operating points."""
+    """What a study asks of a drive, at all of its operating points and for all tolerances."""
+    scatter = study.scatter
+    if scatter is None:
+        values, found = _values(study, drive)
+        return Measured(values.objective, values.worst, values.parts, values.parts, found)
+
+    def at(numbers):
+        changed = dict(zip(scatter.names, numbers, strict=True))
+        return _values(study, with_numbers(drive, study.point, changed)[0])
+
+    nominal = jnp.stack([number_value(drive, study.point, name) for name in scatter.names])
+    least, greatest, found = scatter.extremes(at, nominal)
+    return Measured(greatest.objective, greatest.worst, least.parts, greatest.parts, found)
+
+
+def _values(study: Study, drive: Drive) -> tuple[Values, Bool[Array, ""]]:
     cases = study.operating
     names = sorted({split_name(name)[0] for name in (*study.objective, *study.constraints.names)})
 
@@ -114,7 +139,7 @@ def measured(study: Study, drive: Drive) -> Measured:
     terms = [w * of(name) for w, name in zip(study.weights, study.objective, strict=True)]
     smooth = sum((soft_maximum(term, study.sharpness) for term in terms), jnp.zeros(()))
     worst = sum((jnp.max(term) for term in terms), jnp.zeros(()))
-    return Measured(smooth, worst, [of(name) for name in study.constraints.names], jnp.all(found))
+    return Values(smooth, worst, [of(name) for name in study.constraints.names]), jnp.all(found)
 
 
 def soft_maximum(values: Float[Array, " k"], sharpness: float) -> Float[Array, ""]:
@@ -130,17 +155,17 @@ def evaluation(study: Study, scales: Scales, x: Unit) -> Evaluation:
     """Scaled objective and constraints of the design at `x`; a missing limit gives -inf."""
     at = measured(study, drive_at(study, x))
     limits, parts = study.constraints, []
-    for value, low, high, scale in zip(
-        at.parts, limits.lower, limits.upper, scales.constraints, strict=True
+    for least, greatest, low, high, scale in zip(
+        at.least, at.greatest, limits.lower, limits.upper, scales.constraints, strict=True
     ):
-        parts += [(low - value) / scale, (value - high) / scale]
+        parts += [(low - least) / scale, (greatest - high) / scale]
     return Evaluation(at.objective / scales.objective, jnp.concatenate(parts), at.found)
 
 
 def part_counts(study: Study) -> list[int]:
     """How many parts each constrained quantity has."""
     shapes = eqx.filter_eval_shape(measured, study, study.drive)
-    return [part.shape[0] for part in shapes.parts]
+    return [part.shape[0] for part in shapes.greatest]
 
 
 def limited_rows(study: Study, parts: list[int]) -> np.ndarray:
@@ -199,9 +224,9 @@ def starting_points(study: Study, warm: tuple[dict[str, float], ...] = ()) -> St
     valid = found.found
     # Stable: the study's own drive stays first if it runs, and shapes stay the same if few do.
     order = np.argsort(~valid, kind="stable")[: study.starts]
-    ranges = jnp.stack([_spread(part[valid]) for part in found.parts])
+    ranges = jnp.stack([_spread(part[valid]) for part in found.greatest])
     scales = Scales(_spread(found.objective[valid]), ranges)
-    return Starts(jnp.asarray(points[order]), scales, [part.shape[1] for part in found.parts])
+    return Starts(jnp.asarray(points[order]), scales, [part.shape[1] for part in found.greatest])
 
 
 def _spread(values: np.ndarray) -> Float[Array, ""]:

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,6 +13,7 @@ from beltjax.drive.numbers import number_value
 from beltjax.numerics.compilation import quickly_compiled
 
 from .batches import FEW, Question, in_batches
+from .measures import MeanPlus, Measure, WorstQuantile, smooth_quantile
 from .quantities import quantity
 from .uncertainty import (
     Indices,
@@ -22,7 +22,6 @@ from .uncertainty import (
     linear_moments,
     sample_points,
     scattered,
-    smooth_quantile,
     sobol_indices,
 )
 
@@ -61,24 +60,6 @@ class RobustValue(NamedTuple):
     deviation: Float[Array, ""]
     quantile: Float[Array | np.floating, ""]  # the sample's own, not smoothed; nan for `MeanPlus`
     failed: Float[Array, ""]  # share of the sample that does not run and is left out
-
-
-class MeanPlus(eqx.Module):
-    """The mean and `factor` standard deviations, by slopes or from a sample."""
-
-    factor: float = 3.0
-
-
-class WorstQuantile(eqx.Module):
-    """A quantile of a sample, smoothed as `smooth_quantile` says so that it has derivatives."""
-
-    quantile: float = 0.99
-    sharpness: float = 20.0
-
-    def __check_init__(self):
-        if not (0 < self.quantile < 1 and self.sharpness > 0):
-            found = f"{self.quantile:g} and {self.sharpness:g}"
-            raise ValueError(f"WorstQuantile: found {found}; give 0 < quantile < 1, sharpness > 0.")
 
 
 def robustness(
@@ -147,7 +128,7 @@ def robust_value(
     point: OperatingPoint,
     name: str,
     tolerances: Tolerances,
-    measure: MeanPlus | WorstQuantile | None = None,
+    measure: Measure | None = None,
     *,
     samples: int = 0,
     seed: int = 0,

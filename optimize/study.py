@@ -8,8 +8,10 @@ import jax
 from jaxtyping import Array, Float
 
 from beltjax.drive.components import Drive, OperatingPoint, as_real
+from beltjax.drive.numbers import require_numbers
 from beltjax.drive.variables import variable_names
 
+from .measures import Scatter
 from .quantities import Quantity, is_forced, quantity
 
 
@@ -58,7 +60,8 @@ class Study(eqx.Module):
     `objective` is a weighted sum of quantities. Variables have finite bounds; constraints at
     least one. A quantity is measured at every one of `cases` (at `point` where there are none),
     or by "NAME@CASE" at that one: limits hold at each, and each term of the objective is a soft
-    maximum over them. Raises `ValueError` for variables, quantities and cases that do not exist.
+    maximum over them. With `scatter` limits and objective see what its tolerances make of them.
+    Raises `ValueError` for variables, quantities, numbers and cases that do not exist.
     """
 
     drive: Drive
@@ -71,6 +74,7 @@ class Study(eqx.Module):
     seed: int = eqx.field(static=True, default=0)
     name: str = eqx.field(static=True, default="study")
     cases: Cases | None = None
+    scatter: Scatter | None = None
     method: str = eqx.field(static=True, default="augmented-lagrangian")
     sharpness: float = eqx.field(static=True, default=50.0)  # of the soft maximum
     time_limit: float | None = eqx.field(static=True, default=None)  # [s]
@@ -93,6 +97,10 @@ class Study(eqx.Module):
         unknown = set(self.variables.names) - set(variable_names(self.drive))
         if unknown:
             raise ValueError(f"Study: no variables of this drive: {', '.join(sorted(unknown))}.")
+        if self.scatter is not None:
+            require_numbers(self.drive, self.scatter.names)
+            if any(name.startswith("operation.") for name in self.scatter.names):
+                raise ValueError("Study: tolerances are of the drive; give operating points.")
         known = self.cases.names if self.cases else ()
         fronts = (name.removeprefix("-") for name in self.pareto)
         for name in (*self.objective, *self.constraints.names, *fronts):

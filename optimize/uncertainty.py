@@ -1,4 +1,4 @@
-"""What scattered numbers make of a function: moments, quantiles, sensitivity indices.
+"""What scattered numbers make of a function: samples, moments, sensitivity indices.
 
 Knows no drives. A function takes the numbers [numbers] and returns a number or an array of them.
 """
@@ -21,7 +21,6 @@ from .designs import sobol
 
 # Points of a Sobol sequence are multiples of 2^-30 from 0 on: half a step keeps them inside.
 _HALF_STEP = 2.0**-31
-_HALVINGS = 60
 
 
 class Normal(eqx.Module):
@@ -118,49 +117,14 @@ def linear_moments(
     steps = jnp.diag(standard_deviations(tolerances))
     mean, push = jax.linearize(function, nominal)
     parts = jnp.moveaxis(jax.vmap(push)(steps), 0, -1)
-    return Linear(mean, _norm(parts), parts)
+    return Linear(mean, norm(parts), parts)
 
 
-def _norm(parts: Array) -> Array:
+def norm(parts: Array, axis: int = -1) -> Array:
     """Root of the sum of squares, whose slope at zero is zero rather than nan."""
-    square = jnp.sum(parts**2, axis=-1)
+    square = jnp.sum(parts**2, axis=axis)
     safe = jnp.where(square > 0, square, 1.0)
     return jnp.where(square > 0, jnp.sqrt(safe), 0.0)
-
-
-def smooth_quantile(
-    values: Float[Array, " points"], quantile: float, sharpness: float = 20.0
-) -> Float[Array, ""]:
-    """A differentiable quantile of a sample: where a smoothed distribution function is `quantile`.
-
-    Each step of the sample's distribution is smoothed to a logistic function whose width is the
-    sample's standard deviation over `sharpness`: as that grows, the quantile itself is approached
-    and its slope rests on fewer points. The smoothing carries the quantile outwards, for a normal
-    distribution by about 1.6 z / sharpness^2 of the standard deviation, z its distance from the
-    mean in the same measure.
-    """
-    deviation = _norm(values - jnp.mean(values)) / jnp.sqrt(len(values))
-    size = jnp.maximum(deviation, 1e-12 * jnp.max(jnp.abs(values)))
-    width = jnp.where(size > 0, size, 1.0) / sharpness
-
-    def excess(at, values, width):
-        return jnp.mean(jax.nn.sigmoid((at - values) / width)) - quantile
-
-    fixed, fixed_width = jax.lax.stop_gradient((values, width))
-    reach = 50 * fixed_width  # where the logistic function has long ended
-
-    def halve(_, ends):
-        low, high = ends
-        middle = (low + high) / 2
-        above = excess(middle, fixed, fixed_width) > 0
-        return jnp.where(above, low, middle), jnp.where(above, middle, high)
-
-    ends = jnp.min(fixed) - reach, jnp.max(fixed) + reach
-    low, high = jax.lax.fori_loop(0, _HALVINGS, halve, ends)
-    root = (low + high) / 2
-    slope = jax.grad(excess)(root, fixed, fixed_width)
-    # One step of Newton's method changes no value and carries the implicit derivative.
-    return root - excess(root, values, width) / slope
 
 
 def sobol_indices(

@@ -55,6 +55,31 @@ def test_frequencies_are_kept_off_the_firing_order(run, tmp_path):
     assert [one for one in server.missing if "favicon" not in one[1]] == []
 
 
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_robust_study_is_confirmed_by_the_scatter_of_its_drive(run, tmp_path):
+    study = EXAMPLES / "three_pulley_robust_study.toml"
+    files = "--json", "o.json", "--out", "after.toml", "--report", "r.html"
+    status, out, err = run("optimize", study, *files)
+    assert (status, err) == (0, "")
+    assert "mean and 3 standard deviations, of 256 drives" in out
+    found = json.loads((tmp_path / "o.json").read_text())
+    assert found["robust"]["numbers"][0] == "tensioner.angle"
+    assert "As drawn the objective is 3.33" in (tmp_path / "r.html").read_text()
+
+    scattered = "--deviation", "tensioner.angle=3 deg", "--within", "pulley.accessory.radius=0.1 mm"
+    asked = "--quantity", "coupling", "--quantity", "tensioner_effectiveness"
+    more = "--deviation", "pulley.accessory.center.y=2 mm", "--json", "s.json"
+    status, _, _ = run("robust", "after.toml", *scattered, *asked, *more)
+    assert status == 0
+    gamma, eta = json.loads((tmp_path / "s.json").read_text())["quantities"]
+    assert gamma["nominal"] == pytest.approx(found["robust"]["as_drawn"]["objective"], rel=1e-9)
+    # 256 points and 4096: deviations that differ by a percent.
+    promised = found["objective"]["final"] - gamma["mean"]
+    assert promised == pytest.approx(3 * gamma["deviation"], rel=0.03)
+    assert eta["mean"] - 3 * eta["deviation"] == pytest.approx(0.854, abs=3e-4)
+
+
 def test_the_search_of_another_study_is_refused(run, tmp_path):
     (tmp_path / "state.npz").write_bytes(b"not one")
     study = EXAMPLES / "three_pulley_study.toml"

@@ -157,6 +157,16 @@ def chosen_document(chosen: Sequence[Any]) -> dict[str, Any]:
     return {"choices": rows}
 
 
+def robust_document(design: Any, scatter: Any) -> dict[str, Any]:
+    """What a study counts of its tolerances, and its design's values without them."""
+    shown = [constraint for constraint in design.constraints if not constraint.implied]
+    drawn = {
+        "objective": design.as_drawn,
+        "constraints": {constraint.quantity: constraint.as_drawn for constraint in shown},
+    }
+    return {"robust": {"counted": str(scatter), "numbers": list(scatter.names), "as_drawn": drawn}}
+
+
 def front_document(front: Any) -> dict[str, Any]:
     """A `beltjax.optimize.Front`."""
     points = [

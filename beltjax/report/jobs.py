@@ -22,6 +22,7 @@ from beltjax.report.documents import (
     chosen_document,
     design_document,
     plain_numbers,
+    robust_document,
 )
 from beltjax.report.programs import run_kept
 from beltjax.report.tables import analysis_tables, design_tables
@@ -96,6 +97,8 @@ def study_job(
     else:
         design, choices = _minimized(study, advance, warm, given.checkpoint), {}
     document = design_document(design) | choices
+    if study.scatter is not None:
+        document |= robust_document(design, study.scatter)
     before = {
         name: (float(optimize.value_of(study.drive, name)), optimize.unit_of(name))
         for name in design.values

@@ -175,14 +175,20 @@ def _design_table(document: dict[str, Any], before: dict[str, tuple[float, str]]
     initial = "-" if objective["initial"] is None else f"{objective['initial']:.6g}"
     final = "-" if objective["final"] is None else f"{objective['final']:.6g}"
     table.add_row("objective", initial, final, style="bold")
+    if "robust" in document:
+        drawn = document["robust"]["as_drawn"]["objective"]
+        table.add_row("objective as drawn", "", f"{drawn:.6g}")
     return table
 
 
 def _constraint_table(document: dict[str, Any]) -> Table:
     # The price of a limit is d(objective)/d(limit): what its next unit would buy.
-    table = plain_table(
-        "Constraints (SI, rad)", "quantity", "value", "lower", "upper", "", "price of limit"
-    )
+    headers = ["quantity", "value", "lower", "upper", "", "price of limit"]
+    title, drawn = "Constraints (SI, rad)", {}
+    if "robust" in document:
+        title += f": {document['robust']['counted']}"
+        headers, drawn = [*headers, "as drawn"], document["robust"]["as_drawn"]["constraints"]
+    table = plain_table(title, *headers)
     active_implied = [c for c in document["implied_constraints"] if c["active"] or c["violation"]]
     for constraint in document["constraints"] + active_implied:
         state = "not met" if constraint["violation"] else "active" if constraint["active"] else ""
@@ -192,9 +198,9 @@ def _constraint_table(document: dict[str, Any]) -> Table:
         price = ""
         if constraint["active"] and constraint["multiplier"] is not None:
             price = f"{constraint['multiplier']:+.4g}"
-        table.add_row(
-            escape(constraint["quantity"]), f"{constraint['value']:.6g}", *bounds, state, price
-        )
+        name = constraint["quantity"]
+        row = [escape(name), f"{constraint['value']:.6g}", *bounds, state, price]
+        table.add_row(*row, *([f"{drawn[name]:.6g}"] if name in drawn else []))
     return table
 
 

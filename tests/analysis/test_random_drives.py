@@ -56,6 +56,8 @@ class Plain:
         e = apart * (lengths - 1j * rise) / np.abs(apart) ** 2
         wraps = self.faces * np.angle(e / np.roll(e, 1))
         wraps = np.where(wraps < -np.pi / 2, wraps + 2 * np.pi, wraps)
+        if self.faces @ wraps < np.pi:  # a closed belt turns once: one of its own side has over 270
+            wraps[np.argmin(np.where(self.faces > 0, wraps, np.inf))] += 2 * np.pi
         grows = np.zeros(len(z))
         grows[self.j - 1] += (np.conj(e[self.j - 1]) * 1j * arm).real
         grows[self.j] -= (np.conj(e[self.j]) * 1j * arm).real

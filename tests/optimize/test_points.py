@@ -48,7 +48,7 @@ def test_every_point_counts_and_a_named_one_alone(tmp_path):
     study = load(tmp_path, HEAD + POINTS + "".join(map(limit, names)))
     assert study.cases.names == ("idle", "fast", "fast", "fast")
     found = jax.jit(lambda d: problem.measured(study, d))(study.drive)
-    values = dict(zip(names, map(np.asarray, found.parts), strict=True))
+    values = dict(zip(names, map(np.asarray, found.greatest), strict=True))
     assert [len(values[name]) for name in names[:4]] == [4, 1, 3, 1]
 
     torque = {"accessory": 4.0}
