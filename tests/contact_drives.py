@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from contact_peer import Arm, PeerDrive
-from drives import example, random_drives
+from drives import build, example, random_drives
 
 import beltjax as bj
 
@@ -101,6 +101,24 @@ def random_seven(count, seed=0):
         return variant(drive, point, omega=rest["speed"] / radii[0])
 
     return [one(k) for k in range(count)]
+
+
+def random_armed(n, count):
+    """Random drives of n pulleys, on both faces, with a tensioner."""
+    arrays = random_drives(n, count)
+    rng = np.random.default_rng([1, n])
+    for k in range(count):
+        drive, point = build(*jax.tree.map(lambda x, k=k: jnp.asarray(x[k]), arrays))
+        friction = [jnp.asarray(mu) for mu in rng.uniform(0.4, 1.2, n)]
+        yield (
+            eqx.tree_at(
+                lambda d: [p.friction for p in d.pulleys],
+                drive,
+                friction,
+                is_leaf=lambda leaf: leaf is None,
+            ),
+            point,
+        )
 
 
 def state(drive, point, **how):

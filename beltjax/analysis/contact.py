@@ -250,22 +250,23 @@ def _solutions(drive: Drive, model: physics.ContactModel, held: search.Held, tur
     start = search.likely(one, turn, jnp.where(maximum > 0, half, 0.0), model)
     running = search.Task(zero, maximum, one, held)
     if isinstance(drive.installation, BeltGiven):
-        return jnp.array(True), search.solve(model, running, start)
+        return jnp.array(True), search.solve(model, running, start, start)
     still = search.at_rest(model)
-    resting_task = search.Task(one, zero, one, held)
+    resting = search.Task(one, zero, one, held), search.likely(one, zero, zero, still)
     stages = jax.tree.map(
-        lambda a, b: jnp.stack([a, b]),
-        (still, resting_task, search.likely(one, zero, zero, still)),
-        (model, running, start),
+        lambda a, b: jnp.stack([a, b]), (still, *resting), (model, running, start)
     )
 
     # One after the other through one compiled search: the first finds the belt for the second.
-    def stage(held, now):
+    def stage(before, now):
+        held, origin = before
         model, task, start = now
-        solved = search.solve(model, task._replace(held=held), start)
-        return solved.held, solved
+        # Torques that are scaled to the largest have no belt without torques to come from.
+        origin = jax.tree.map(lambda a, b: jnp.where(task.maximum > 0, a, b), start, origin)
+        solved = search.solve(model, task._replace(held=held), start, origin)
+        return (solved.held, solved.unknown), solved
 
-    _, both = jax.lax.scan(stage, held, stages)
+    _, both = jax.lax.scan(stage, (held, resting[1]), stages)
     rest, run = (jax.tree.map(lambda x, k=k: x[k], both) for k in (0, 1))
     return rest.converged, run
 

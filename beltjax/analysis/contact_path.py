@@ -5,7 +5,6 @@ from typing import Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.integrate import cumulative_simpson
 
 from beltjax.analysis.contact import ContactState
 from beltjax.physics import contact as physics
@@ -98,6 +97,8 @@ def _span(
     k: int, start: float, kap: np.ndarray, loop: physics.Loop, model: physics.ContactModel
 ) -> BeltPiece:
     """The k-th span, its curvature integrated to its inclination and its path."""
+    from scipy.integrate import cumulative_simpson  # half a second, for curves alone
+
     s = np.linspace(0.0, 1.0, len(kap)) * float(loop.spans.L[k])
     inclination = start + cumulative_simpson(kap, x=s, initial=0.0)
     x = cumulative_simpson(np.cos(inclination), x=s, initial=0.0)

@@ -172,6 +172,11 @@ def _obstruction(drive: Drive, at: Layout, gaps: Clearances) -> Fault | None:
     return None
 
 
+def belt_crosses(drive: Drive) -> bool:
+    """Whether two spans of the drawn layout cross."""
+    return _crossing(drive, *jax.device_get(_survey(drive, 0.0))) is not None
+
+
 def _crossing(drive: Drive, at: Layout, gaps: Clearances) -> Fault | None:
     starts, ends = at.starts, at.ends
     names = drive.span_names

@@ -262,8 +262,9 @@ class OperatingPoint(eqx.Module):
     """How the drive runs: its speed, and the torque each accessory takes from the belt.
 
     Give `belt_speed`, or `driver_speed` from which it follows. `mass_flow` replaces the
-    belt's mass per length in contact mechanics. The driver balances the torques. `excitation`
-    concerns forced vibration alone.
+    belt's mass per length in contact mechanics. The driver balances the torques; one given for
+    it counts for nothing, so that batches may mix which pulley drives (a drive file refuses it).
+    `excitation` concerns forced vibration alone.
     """
 
     belt_speed: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)  # [m/s]

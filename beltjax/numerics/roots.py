@@ -135,6 +135,7 @@ def system_root(
 def followed_root(
     residual: Callable[[Vector, Scalar], Vector],
     guess: Vector,
+    origin: Vector,
     largest_step: Vector,
     *,
     smallest_load: float = 1 / 64,
@@ -144,11 +145,12 @@ def followed_root(
 
     The second argument rises from 0, where `guess` is close to a root, in steps that are halved
     where the search fails and doubled where it does not; one below `smallest_load` is given up.
-    Gives the load reached too; `steps` counts those of all searches.
+    Where not even a first step succeeds, all is tried once more from `origin`. Gives the load
+    reached too; `steps` counts those of all searches.
     """
 
     def body(state):
-        last, load, step, steps = state
+        last, load, step, steps, untried = state
         found = system_root(
             lambda x: residual(x, load + step), last.root, largest_step, max_steps=max_steps
         )
@@ -158,15 +160,17 @@ def followed_root(
         last = jax.tree.map(lambda a, b: jnp.where(good, a, b), found, kept)
         load = jnp.where(good, load + step, load)
         step = jnp.minimum(jnp.where(good, 2 * step, step / 2), 1 - load)
-        return last, load, step, steps
+        anew = untried & (load == 0) & (step < smallest_load)
+        last = last._replace(root=jnp.where(anew, origin, last.root))
+        return last, load, jnp.where(anew, 1.0, step), steps, untried & ~anew
 
     def unfinished(state):
-        _, load, step, _ = state
+        _, load, step, *_ = state
         return (load < 1) & (step >= smallest_load)
 
     nothing = Search(guess, jnp.zeros_like(guess), jnp.array(False), jnp.array(0))
-    start = (nothing, jnp.zeros(()), jnp.ones(()), jnp.array(0))
-    last, load, _, steps = jax.lax.while_loop(unfinished, body, start)
+    start = (nothing, jnp.zeros(()), jnp.ones(()), jnp.array(0), jnp.array(True))
+    last, load, _, steps, _ = jax.lax.while_loop(unfinished, body, start)
     return last._replace(converged=last.converged & (load >= 1), steps=steps), load
 
 

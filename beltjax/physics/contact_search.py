@@ -51,15 +51,16 @@ class Solved(NamedTuple):
     load: Scalar  # the part of torques and speed up to which it was followed, if not at once
 
 
-def solve(model: ContactModel, task: Task, start: Unknown) -> Solved:
+def solve(model: ContactModel, task: Task, start: Unknown, origin: Unknown) -> Solved:
     """The belt that meets the task, searched from a start that `likely` gives.
 
+    Where that leads nowhere it is followed from `origin`, the belt without torques and speed.
     One square system, differentiated at its root.
     """
     args = model, task
-    fixed, guess = jax.lax.stop_gradient((args, _packed(start)))
+    fixed, guess, first = jax.lax.stop_gradient((args, _packed(start), _packed(origin)))
     found, load = followed_root(
-        lambda x, load: _equations(x, _under(load, *fixed)), guess, _packed(_largest(start))
+        lambda x, load: _equations(x, _under(load, *fixed)), guess, first, _packed(_largest(start))
     )
     converged = found.converged
     # Where no root was found the last one on the way keeps all numbers finite, and shows what

@@ -47,14 +47,23 @@ def hidden(x, load):
 def test_following_the_load_passes_what_stops_a_direct_search():
     guess, largest = jnp.zeros(1), jnp.full(1, 0.5)
     assert not system_root(lambda x: hidden(x, 1.0), guess, largest, max_steps=25).converged
-    found, load = followed_root(hidden, guess, largest)
+    found, load = followed_root(hidden, guess, guess, largest)
     assert found.converged
     assert load == 1
     assert found.root == pytest.approx([5.0])
 
 
+def test_following_the_load_begins_at_its_own_origin():
+    # From -9 the direct search and the first loads fail; from 0 they do not.
+    far, origin, largest = jnp.full(1, -9.0), jnp.zeros(1), jnp.full(1, 0.5)
+    assert not followed_root(hidden, far, far, largest)[0].converged
+    found, _ = followed_root(hidden, far, origin, largest)
+    assert found.root == pytest.approx([5.0])
+
+
 def test_following_the_load_gives_up_at_a_fold():
-    found, load = followed_root(lambda x, load: x**2 + load - 0.6, jnp.ones(1), jnp.ones(1))
+    start = jnp.ones(1)
+    found, load = followed_root(lambda x, load: x**2 + load - 0.6, start, start, jnp.ones(1))
     assert not found.converged
     assert 0.6 - 2 / 64 < load <= 0.6
     assert found.root**2 == pytest.approx(0.6 - float(load), abs=1e-9)

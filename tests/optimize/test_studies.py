@@ -160,3 +160,50 @@ def test_choices_are_each_the_best_of_their_own_study():
             drive, _ = with_number(drive, posed.point, name, jnp.asarray(value, dtype=float))
         alone = dataclasses.replace(posed, drive=drive, choices=(), method="slsqp", starts=4)
         assert bj.optimize.minimize(alone).final == pytest.approx(one.design.final, rel=1e-8)
+
+
+CROSSING = """schema = 1
+name = "pressed belt"
+listed = "counterclockwise"
+[belt]
+axial_stiffness = 1e5
+bending_stiffness = 0.01
+mass_per_length = 0.1
+[[pulley]]
+name = "left"
+center = [0, 0]
+radius = 0.05
+face = "grooved"
+driver = true
+[[pulley]]
+name = "right"
+center = [0.4, 0]
+radius = 0.05
+face = "grooved"
+[[pulley]]
+name = "presser"
+center = [0.2, 0.06]
+radius = 0.02
+face = "back"
+[installation]
+tension = 500
+[operation]
+belt_speed = 5
+"""
+PRESSED = """drive = "drive.toml"
+objective.minimize = { path_length = -1.0 }
+variable = [{ name = "pulley.presser.center.y", lower = -0.3, upper = 0.06 }]
+optimizer = { method = "slsqp", starts = 8 }
+"""
+
+
+def test_a_belt_that_crosses_itself_is_no_optimum(tmp_path):
+    # Through the lower span, too, the presser lengthens the belt: but then that one crosses.
+    (tmp_path / "drive.toml").write_text(CROSSING)
+    (tmp_path / "study.toml").write_text(PRESSED)
+    design = bj.optimize.minimize(bj.optimize.load_study(tmp_path / "study.toml"))
+    endings = [start.result for start in design.starts]
+    assert "belt crosses itself" in endings
+    assert design.success
+    # Down to where the presser touches the lower span.
+    assert design.values["pulley.presser.center.y"] == pytest.approx(-0.03, abs=1e-6)
