@@ -52,7 +52,9 @@ def analyze(drive_file: str, json_path: str | None, figure: str | None) -> None:
 @cli.command()
 @click.argument("study_file", metavar="STUDY.toml")
 @_json_option
-@click.option("--figure", metavar="FILE", help="Picture of the layout before and after.")
+@click.option(
+    "--figure", metavar="FILE", help="Picture of the layout before and after; STUDY_layout.png."
+)
 @click.option("--out", "--save-drive", "drive", metavar="DRIVE.toml", help="Optimized drive.")
 @click.option("--report", "page", metavar="FILE.html", help="Report that opens in a browser.")
 @click.option("--method", type=click.Choice(METHODS), help="In place of the study's.")
@@ -389,6 +391,9 @@ def _finish(report: Any, json_path: str | None) -> None:
         console.print(report.tables)
         if json_path:
             write_json(report.document, json_path)
+        written = [path for path, _ in report.files] + [json_path] * bool(json_path)
+        if written:
+            click.echo(f"wrote {', '.join(written)}")
     if report.failure:
         _quit(report.failure, FAILED)
 

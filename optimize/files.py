@@ -90,7 +90,11 @@ def load_study(path: str | os.PathLike[str]) -> Study:
 
     Raises `FileError`, one line that names the file, the key and the remedy.
     """
-    file = validated(StudyTable, read_toml(path), path)
+    content = read_toml(path)
+    if "belt" in content and "drive" not in content:
+        message = 'is the key of a drive file; give a study, whose `drive = "FILE"` names it'
+        raise FileError(path, "belt", message)
+    file = validated(StudyTable, content, path)
     drive_path = Path(path).parent / file.drive
     if not drive_path.is_file():
         raise FileError(path, "drive", f"there is no file {drive_path}; give its path from here")

@@ -80,10 +80,12 @@ def first_iterate(x: Vector, constraints: int, penalty: float = 10.0) -> Iterate
 
 
 def outer_step(
-    evaluate: Evaluate, state: Iterate, *, tol: float = 1e-7, inner_steps: int = 120
+    evaluate: Evaluate, state: Iterate, *, tol: float = 1e-6, inner_steps: int = 60
 ) -> Iterate:
     """Minimize the augmented Lagrangian once and update its multipliers and penalty.
 
+    No closer than `tol`, nor in more than `inner_steps`: multipliers that are still wrong reward
+    no effort, and optima are polished afterwards.
     `done` when violation and complementarity are below `tol` and the gradient is below its
     tenfold; given up when the largest penalty leaves a violation. A state that has stopped does
     not change.
@@ -98,7 +100,7 @@ def outer_step(
 
     found = optx.minimise(
         lagrangian,
-        optx.BFGS(rtol=1e-10, atol=1e-10),
+        optx.BFGS(rtol=0.01 * tol, atol=0.01 * tol),
         state.z,
         args=(state.multipliers, state.penalty),
         has_aux=True,

@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from beltjax.analysis.steady import SteadyState, steady_state
-from beltjax.drive.checks import belt_crosses
 from beltjax.drive.components import Drive
 from beltjax.numerics.compilation import quickly_compiled
 from beltjax.results import RESULTS, succeeded
@@ -88,19 +87,6 @@ class _Basin(NamedTuple):
     starts: int
 
 
-def _judged(study: Study, ends: list[End]) -> list[End]:
-    """The ends, those with a belt that crosses itself marked; designs of one optimum asked once."""
-    known: dict[tuple[float, ...], bool] = {}
-
-    def crosses(end: End) -> bool:
-        near = tuple(np.round(end.x / SAME))
-        if near not in known:
-            known[near] = belt_crosses(drive_at(study, jnp.asarray(end.x)))
-        return known[near]
-
-    return [end._replace(crosses=end.feasible and crosses(end)) for end in ends]
-
-
 def _basins(ends: list[End], look: Look) -> list[_Basin]:
     """The distinct optima, best first; the best few moved onto the exact conditions."""
     groups: list[list[End]] = []
@@ -123,7 +109,6 @@ def report(
     study: Study, asked: int, begin: Starts, rows: np.ndarray, look: Look, found: Search
 ) -> Design:
     """The design that a search found; `asked` constraints are the study's own."""
-    found = found._replace(ends=_judged(study, found.ends))
     size = float(begin.scales.objective)
     basins = _basins(found.ends, look)
     result, x = _outcome(found, basins)
@@ -172,9 +157,7 @@ def _outcome(found: Search, basins: list[_Basin]) -> tuple[RESULTS, np.ndarray]:
     feasible = [end for end in found.ends if end.feasible]
     if feasible:
         return late, min(feasible, key=lambda end: end.objective).x
-    valid = [end for end in found.ends if end.valid and not end.crosses]
-    if not valid and any(end.crosses for end in found.ends):
-        return RESULTS.path_not_simple, found.ends[0].x
+    valid = [end for end in found.ends if end.valid]
     if valid:
         missed = RESULTS.constraints_infeasible if found.in_time else RESULTS.time_limit_reached
         return missed, min(valid, key=lambda end: end.violation).x

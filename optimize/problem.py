@@ -25,6 +25,7 @@ CANDIDATES = 8  # random designs drawn for each start; the first ones that run a
 # inside the edges beyond which there is no drive to evaluate: quantity, least, greatest.
 IMPLIED = {
     "clearance": (0.0, np.inf),
+    "span_lengths": (1e-3, np.inf),
     "wraps": (np.radians(1.0), np.radians(268.0)),
     "tightness": (0.01, np.inf),
 }

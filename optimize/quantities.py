@@ -4,6 +4,7 @@ A quantity is an array: one number, or one for each thing that the name covers (
 one for each gap), so that a limit on it is a smooth limit on each.
 """
 
+import difflib
 import functools
 import math
 from collections.abc import Callable
@@ -183,6 +184,7 @@ _KINDS = {
     "contact_wrap:": _Kind("rad", "pulley", lambda of, j: of.contact.wraps[j], needs="friction"),
     "torque_factor": _Kind("", "", lambda of: of.slipping.torque_factor, needs="friction"),
     "maximum_moment": _Kind("N m", "", lambda of: of.slipping.driver_moment, needs="friction"),
+    "span_lengths": _Kind("m", "", lambda of: of.steady.reference.layout.span_lengths, many=True),
     "arm_rotation": _Kind("rad", "", lambda of: of.steady.arm_rotation),
     "frequency:": _Kind("rad/s", "mode", lambda of, k: of.modes.frequencies[k], "inertia"),
     "order_distance:": _Kind("rad/s", "order", _order_distance, "inertia", many=True),
@@ -209,8 +211,10 @@ def quantity(name: str, drive: Drive) -> Quantity:
     word, colon, place = name.partition(":")
     kind = _KINDS.get(word + colon)
     if kind is None:
+        close = difflib.get_close_matches(word, [k.rstrip(":") for k in _KINDS], n=1)
+        meant = f"did you mean {close[0]!r}? There are" if close else "give one of"
         known = ", ".join(k + _PLACES[v.of] for k, v in _KINDS.items())
-        raise KeyError(f"there is no quantity {name!r}; give one of {known}")
+        raise KeyError(f"there is no quantity {name!r}; {meant} {known}")
     places = (_place(kind.of, place, drive),) if kind.of else ()
     _require_data(name, kind, drive, places)
     return Quantity(name, kind.unit, lambda of: jnp.atleast_1d(kind.measure(of, *places)))

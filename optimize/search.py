@@ -41,12 +41,11 @@ class End(NamedTuple):
     violation: float
     valid: bool
     converged: bool
-    crosses: bool = False  # itself, the belt: a smooth limit cannot say so
 
     @property
     def feasible(self) -> bool:
-        """Whether the design runs, can be built and meets every limit."""
-        return self.valid and not self.crosses and self.violation <= FEASIBLE
+        """Whether the design runs and meets every limit."""
+        return self.valid and self.violation <= FEASIBLE
 
     @property
     def ending(self) -> str:
@@ -55,8 +54,6 @@ class End(NamedTuple):
             return "out of time"
         if not self.valid:
             return "no drive that runs"
-        if self.crosses:
-            return "belt crosses itself"
         if not self.feasible:
             return "infeasible"
         return "optimal" if self.converged else "not converged"

@@ -214,13 +214,15 @@ def _difference(before: Any, now: Any, key: str = "") -> tuple[str, str, str] | 
     """Key and values of the first place where two records differ."""
     if before == now:
         return None
-    if isinstance(before, dict) and isinstance(now, dict) and before.keys() == now.keys():
-        keys = (name for name in before if before[name] != now[name])
-        name = next(keys)
-        return _difference(before[name], now[name], f"{key}.{name}".lstrip("."))
+    if isinstance(before, dict) and isinstance(now, dict):
+        both = (*before, *(name for name in now if name not in before))
+        name = next(name for name in both if before.get(name) != now.get(name))
+        return _difference(before.get(name), now.get(name), f"{key}.{name}".lstrip("."))
     return key, _short(before), _short(now)
 
 
 def _short(value: Any) -> str:
+    if value is None:
+        return "nothing"
     text = json.dumps(value)
     return text if len(text) <= 60 else text[:57] + "..."

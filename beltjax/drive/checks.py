@@ -12,9 +12,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from beltjax.drive.components import Drive
-from beltjax.drive.layout import Layout, layout
+from beltjax.drive.layout import Layout, crossings, layout
 from beltjax.errors import FileError
 from beltjax.results import RESULTS, succeeded
+
+_LARGEST = {"radius": 5.0, "center": 50.0}  # [m]
 
 
 class Clearances(NamedTuple):
@@ -82,7 +84,9 @@ def require_possible_layout(drives: list[Drive], path: object) -> Drive:
     possible = [drive for drive, fault in zip(drives, faults, strict=True) if fault is None]
     if not possible:
         # Where the sense is left open, the reading that comes closest tells most.
-        fault = max((fault for fault in faults if fault), key=lambda fault: fault.key != "pulley")
+        closest = max(range(len(drives)), key=lambda k: _closeness(drives[k]))
+        fault = faults[closest]
+        assert fault is not None  # as no drive is possible
         raise FileError(path, fault.key, fault.message)
     if len(possible) > 1 and len(drives[0].pulleys) > 2:
         raise FileError(
@@ -100,18 +104,33 @@ def _survey(drive: Drive, arm_rotation) -> tuple[Layout, Clearances]:
 def layout_fault(drive: Drive, arm_rotation: float = 0.0) -> Fault | None:
     """What makes the layout impossible, with the arm turned by so much; None if nothing does."""
     survey = jax.device_get(_survey(drive, arm_rotation))
-    for find in (_arm_fault, _overlap, _missing_tangent, _path_fault, _crossing, _obstruction):
-        fault = find(drive, *survey)
-        if fault:
-            return fault
-    return None
+    return next(filter(None, (find(drive, *survey) for find in _CHECKS)), None)
+
+
+def _closeness(drive: Drive) -> int:
+    """How many checks a layout that is not possible passes before the one that it fails."""
+    survey = jax.device_get(_survey(drive, 0.0))
+    return next(i for i, find in enumerate(_CHECKS) if find(drive, *survey))
 
 
 def _arm_fault(drive: Drive, at: Layout, gaps: Clearances) -> Fault | None:
-    if not np.isfinite(at.path_length) or np.max(np.abs(at.centers)) > 1e6:
-        return Fault("pulley", "a center or radius is out of all proportion; give meters")
     if drive.tensioner is not None and not float(at.arm_length) > 0:
         return Fault("tensioner.pivot", "lies at its pulley's center; an arm has a length")
+    return None
+
+
+def _out_of_proportion(drive: Drive, at: Layout, gaps: Clearances) -> Fault | None:
+    """Millimeters that were given as meters, mostly."""
+    for pulley, center in zip(drive.pulleys, at.centers, strict=True):
+        for key, size in (("radius", float(pulley.radius)), ("center", np.max(np.abs(center)))):
+            if not size < _LARGEST[key]:
+                return Fault(
+                    f"pulley.{pulley.name}.{key}",
+                    f"is out of all proportion ({size:g} m); a bare number is in meters, "
+                    f'millimeters are written "{size:g} mm"',
+                )
+    if not np.isfinite(at.path_length):
+        return Fault("pulley", "a center or radius is out of all proportion; give meters")
     return None
 
 
@@ -142,21 +161,25 @@ def _missing_tangent(drive: Drive, at: Layout, gaps: Clearances) -> Fault | None
     return None
 
 
+def _lost_contact(drive: Drive, at: Layout, gaps: Clearances) -> Fault | None:
+    if at.result != RESULTS.contact_lost:
+        return None
+    i = int(np.argmin(at.wraps))
+    return Fault(
+        f"pulley.{drive.pulley_names[i]}.center",
+        f"the belt does not touch this pulley (wrap {np.degrees(float(at.wraps[i])):.1f} deg); "
+        "move it into the belt or change its face",
+    )
+
+
 def _path_fault(drive: Drive, at: Layout, gaps: Clearances) -> Fault | None:
-    if at.result == RESULTS.contact_lost:
-        i = int(np.argmin(at.wraps))
-        return Fault(
-            f"pulley.{drive.pulley_names[i]}.center",
-            f"the belt does not touch this pulley (wrap {np.degrees(float(at.wraps[i])):.1f} deg); "
-            "move it into the belt or change its face",
-        )
-    if not succeeded(at.result):
-        return Fault(
-            "pulley",
-            "the belt path crosses itself or does not close; check the pulleys' order, 'listed' "
-            "and the faces",
-        )
-    return None
+    if succeeded(at.result):
+        return None
+    return Fault(
+        "pulley",
+        "the belt path crosses itself or does not close; check the pulleys' order, 'listed' "
+        "and the faces",
+    )
 
 
 def _obstruction(drive: Drive, at: Layout, gaps: Clearances) -> Fault | None:
@@ -172,29 +195,25 @@ def _obstruction(drive: Drive, at: Layout, gaps: Clearances) -> Fault | None:
     return None
 
 
-def belt_crosses(drive: Drive) -> bool:
-    """Whether two spans of the drawn layout cross."""
-    return _crossing(drive, *jax.device_get(_survey(drive, 0.0))) is not None
-
-
 def _crossing(drive: Drive, at: Layout, gaps: Clearances) -> Fault | None:
-    starts, ends = at.starts, at.ends
-    names = drive.span_names
-    for i in range(len(names)):
-        for j in range(i + 1, len(names)):
-            if _segments_cross(starts[i], ends[i], starts[j], ends[j]):
-                return Fault(
-                    "pulley",
-                    f"the belt path crosses itself: spans {names[i]} and {names[j]}; check the "
-                    "pulleys' order, 'listed' and the faces",
-                )
-    return None
+    pairs = np.argwhere(np.triu(crossings(np.asarray(at.starts), np.asarray(at.ends))))
+    if not len(pairs):
+        return None
+    first, second = (drive.span_names[k] for k in pairs[0])
+    return Fault(
+        "pulley",
+        f"the belt path crosses itself: spans {first} and {second}; check the pulleys' order, "
+        "'listed' and the faces",
+    )
 
 
-def _segments_cross(a, b, c, d) -> bool:
-    """Whether two segments have a point in common; touching ends are not a crossing."""
-
-    def side(p, q, r):
-        return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
-
-    return side(a, b, c) * side(a, b, d) < 0 and side(c, d, a) * side(c, d, b) < 0
+_CHECKS = (
+    _arm_fault,
+    _out_of_proportion,
+    _overlap,
+    _missing_tangent,
+    _lost_contact,
+    _crossing,
+    _path_fault,
+    _obstruction,
+)

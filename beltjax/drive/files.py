@@ -125,7 +125,12 @@ def load_drive(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint]:
     `RuntimeError` when JAX is in single precision.
     """
     as_real(0.0)  # say what is wrong with the precision before anything about the file
-    file = validated(DriveTable, read_toml(path), path)
+    content = read_toml(path)
+    if "drive" in content and "belt" not in content:
+        raise FileError(
+            path, "drive", "is the key of a study; give its drive file, or `optimize` it"
+        )
+    file = validated(DriveTable, content, path)
     _require_names(file, path)
     _require_installation(file, path)
     _require_operation(file, path)

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from beltjax.drive.components import Drive
@@ -132,7 +133,8 @@ def layout(drive: Drive, arm_rotation: Float[Array, ""] | float = 0.0) -> Layout
     """Path of the belt with the arm turned by `arm_rotation` [rad] from where it is drawn.
 
     Pulleys are inside the loop or on its back; the path is that of a perfectly flexible belt.
-    Result: `no_tangent`, `contact_lost` (a wrap that is not positive) or `path_not_simple`.
+    Result: `no_tangent`, `contact_lost` (a wrap that is not positive) or `path_not_simple` (not
+    once round, or spans that cross).
     Values stay finite, and their derivatives zero, where a tangent does not exist.
     """
     of = outline(drive)
@@ -141,17 +143,20 @@ def layout(drive: Drive, arm_rotation: Float[Array, ""] | float = 0.0) -> Layout
     directions = jnp.stack([path.along_x, path.along_y], axis=-1)
     normals = of.sense * perpendicular(directions)
     foot = of.faces * of.radii
+    starts = centers - foot[:, None] * normals
+    ends = jnp.roll(centers, -1, axis=0) - _following(foot)[:, None] * normals
     result = first_failure(
         (jnp.any(~path.exists), RESULTS.no_tangent),
         (jnp.abs(jnp.sum(of.faces * path.wraps) - 2 * jnp.pi) > 1.0, RESULTS.path_not_simple),
         (jnp.any(path.wraps <= 0), RESULTS.contact_lost),
+        (jnp.any(crossings(starts, ends)), RESULTS.path_not_simple),
     )
     found = Layout(
         centers=centers,
         directions=directions,
         normals=normals,
-        starts=centers - foot[:, None] * normals,
-        ends=jnp.roll(centers, -1, axis=0) - _following(foot)[:, None] * normals,
+        starts=starts,
+        ends=ends,
         span_lengths=path.span_lengths,
         wraps=path.wraps,
         arc_lengths=path.arc_lengths,
@@ -164,6 +169,20 @@ def layout(drive: Drive, arm_rotation: Float[Array, ""] | float = 0.0) -> Layout
         result=result,
     )
     return frozen_where_failed(found, result)
+
+
+def crossings(
+    starts: Float[Array | np.ndarray, "spans 2"], ends: Float[Array | np.ndarray, "spans 2"]
+) -> Bool[Array | np.ndarray, "spans spans"]:
+    """Which spans have a point in common; touching ends are not a crossing."""
+    along = ends - starts
+
+    def side(points):
+        offset = points[None] - starts[:, None]
+        return along[:, None, 0] * offset[..., 1] - along[:, None, 1] * offset[..., 0]
+
+    apart = side(starts) * side(ends) < 0
+    return apart & apart.T
 
 
 def _following(values: Float[Array, " n"]) -> Float[Array, " n"]:

@@ -84,9 +84,8 @@ def _parsed(text: str, unit: str) -> float:
         quantity = registry.Quantity(number, registry.Unit(written))
         converted = float(quantity.to(unit or "dimensionless").magnitude)
     except registry_errors() as error:
-        raise ValueError(
-            f"found {_shown(text)}, whose unit is not {unit or 'none'}; give {example}"
-        ) from error
+        unfit = f"whose unit is not {unit}" if unit else "which is a pure number"
+        raise ValueError(f"found {_shown(text)}, {unfit}; give {example}") from error
     if unit.startswith("rad") and not _ANGLE_UNITS & set(dict(quantity.unit_items())):
         raise ValueError(
             f"found {_shown(text)}, whose unit is no angle; give rad, deg, rad/s or rpm"

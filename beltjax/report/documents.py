@@ -28,6 +28,7 @@ def analysis_document(drive: Drive, found: Sensitivities) -> dict[str, Any]:
     rests = rested or bool(steady.reference.result == RESULTS.span_slack)
     return {
         "drive": drive.name,
+        "pulleys": list(drive.pulley_names),
         "success": running,
         "layout": _layout(drive, steady),
         "reference": _reference(drive, steady, rested) if rests else None,
@@ -83,6 +84,7 @@ def _groups(steady: SteadyState) -> dict[str, Any]:
 def _steady(steady: SteadyState) -> dict[str, Any]:
     return {
         "tension_change": plain(steady.tension_change),
+        "tensions": plain(steady.running_tensions),
         "arm_rotation": plain(steady.arm_rotation),
         "coupling": plain(steady.coupling),
         "coupling_total": plain(np.sum(steady.coupling)),

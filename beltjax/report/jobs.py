@@ -48,7 +48,9 @@ def analysis_job(path: str | os.PathLike[str], figure: str | None = None) -> Rep
     """
     drive, point = load_drive(path)
     if figure and not has_inertias(drive):
-        raise FileError(path, "inertia", "is missing; modes to draw need the inertia of every part")
+        lacking = [f"pulley.{p.name}.inertia" for p in drive.pulleys if p.inertia is None]
+        key = (lacking or ["tensioner.inertia"])[0]
+        raise FileError(path, key, "is missing; modes to draw need the inertia of every part")
     found = jax.device_get(run_kept(sensitivities, drive, point, MODES, BASIS))
     why = diagnose(drive, point, found.steady)
     if why and why.impossible:
@@ -164,9 +166,11 @@ def _missed(design: Any) -> tuple[str, str]:
         low = constraint.lower is not None and constraint.value < constraint.lower
         limit = constraint.lower if low else constraint.upper
         side = "at least" if low else "at most"
+        name = constraint.quantity.partition("@")[0]
+        unit = importlib.import_module("beltjax.optimize").quantity(name, design.drive).unit
         parts.append(
             f"{constraint.quantity} must be {side} {limit:.6g} and gets to {constraint.value:.6g}, "
-            f"missed by {constraint.violation:.3g}"
+            f"missed by {constraint.violation:.3g} {unit}".rstrip()
         )
     key = f"constraint.{missed[0].quantity}"
     return key, f"cannot be met: {'; '.join(parts)}; relax a limit or widen the bounds"

@@ -16,7 +16,7 @@ _FEW_OPTIMA = 4
 
 def analysis_tables(document: dict[str, Any], sizes: dict[str, Any]) -> Group:
     """The tables of `beltjax analyze`, from its JSON document and the numbers of the drive."""
-    parts = [_span_table(document), _summary_table(document)]
+    parts = [_span_table(document), _pulley_table(document), _summary_table(document)]
     if document["modes"]:
         parts.append(_mode_table(document["modes"]))
     if document["sensitivities"]:
@@ -33,19 +33,25 @@ def plain_table(title: str, *columns: str) -> Table:
 
 
 def _span_table(document: dict[str, Any]) -> Table:
-    table = plain_table(
-        escape(document["drive"]), "span", "length (mm)", "tension at rest (N)", "coupling Gamma_i"
-    )
-    spans = document["layout"]["spans"]
-    tensions = (document["reference"] or {}).get("tensions", [None] * len(spans))
-    coupling = (document["steady"] or {}).get("coupling", [None] * len(spans))
-    for span, tension, gamma in zip(spans, tensions, coupling, strict=True):
-        table.add_row(
-            escape(span["name"]),
-            number(1e3 * span["length"], 1),
-            number(tension, 1),
-            number(gamma, 4),
-        )
+    # Both tensions are under the operating torques.
+    headers = "span", "length (mm)", "standing (N)", "running (N)", "coupling Gamma_i"
+    table = plain_table(escape(document["drive"]), *headers)
+    spans, steady = document["layout"]["spans"], document["steady"] or {}
+    unknown = [None] * len(spans)
+    standing = (document["reference"] or {}).get("tensions", unknown)
+    columns = standing, steady.get("tensions", unknown), steady.get("coupling", unknown)
+    for span, still, running, gamma in zip(spans, *columns, strict=True):
+        length = number(1e3 * span["length"], 1)
+        tensions = number(still, 1), number(running, 1)
+        table.add_row(escape(span["name"]), length, *tensions, number(gamma, 4))
+    return table
+
+
+def _pulley_table(document: dict[str, Any]) -> Table:
+    table = plain_table("", "pulley", "wrap (deg)")
+    wraps = document["layout"]["wraps_deg"]
+    for name, wrap in zip(document["pulleys"], wraps, strict=True):
+        table.add_row(escape(name), number(wrap, 1))
     return table
 
 
@@ -102,7 +108,11 @@ def _components(name: str, size: Any, slope: Any) -> list[tuple[str, float, floa
     if not isinstance(slope, list):
         return [(name, size, slope)]
     parts = zip(size, slope, strict=True)
-    return [(f"{name}[{i}]", *part) for i, part in enumerate(parts)]
+    ends = ".x.y" if name.endswith(("center", "pivot")) else None
+    return [
+        (f"{name}[{i}]" if ends is None else f"{name}{ends[2 * i : 2 * i + 2]}", *part)
+        for i, part in enumerate(parts)
+    ]
 
 
 def design_tables(document: dict[str, Any], before: dict[str, tuple[float, str]]) -> Group:
@@ -162,7 +172,11 @@ def _optimality_lines(document: dict[str, Any]) -> Iterator[str]:
         yield f"cannot be met together: {'; '.join(document['conflicts'])}"
     if shown is not None:
         bent = shown["curvature"]
-        second = "; limits leave nothing free" if bent is None else f"; least curvature {bent:.2g}"
+        second = (
+            "; the active limits leave no direction free"
+            if bent is None
+            else f"; least curvature {bent:.2g}"
+        )
         yield f"optimality: residual {shown['residual']:.1e} of the scaled conditions{second}"
 
 
