@@ -99,3 +99,9 @@ def test_a_study_without_objectives_has_no_front(run):
     status, _, err = run("pareto", EXAMPLES / "three_pulley_study.toml")
     assert status == 1
     assert "pareto: is missing; give objectives" in err
+
+
+def test_a_drive_file_is_no_study(run):
+    status, _, err = run("optimize", EXAMPLES / "three_pulley.toml")
+    assert status == 1
+    assert "three_pulley.toml: belt: is the key of a drive file; give a study" in err

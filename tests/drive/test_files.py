@@ -94,6 +94,8 @@ BAD = {
     "too long an integer": (swap("radius = 0.0889", "radius = " + "9" * 5000), "", "not TOML"),
     "too deep": (swap("radius = 0.0889", "radius = " + "[" * 5000), "", "not TOML"),
     "out of proportion": (swap("center = [0.0, 0.0]", "center = [-1e200, 0.3]"), "pulley", "out of all proportion"),
+    "millimeters": (swap("radius = 0.0889", "radius = 88.9"), "pulley.crankshaft.radius", 'bare number is in meters, millimeters are written "88.9 mm"'),
+    "a study": ('drive = "three_pulley.toml"\nobjective.minimize = "coupling"', "drive", "is the key of a study"),
     "not finite": (swap("tension = 300.0", "tension = inf"), "installation.tension", "not finite"),
     "nan": (swap("tension = 300.0", "tension = nan"), "installation.tension", "not finite"),
     "negative radius": (swap("radius = 0.0452", "radius = -0.0452"), "pulley.tensioner.radius", "greater than 0"),
@@ -158,6 +160,11 @@ def test_span_that_runs_through_a_pulley_is_named(tmp_path):
     load(tmp_path, square(("e", 0.5, 0.2, "back")))
     with pytest.raises(bj.FileError, match=r"pulley\.e\.center: span c-d runs through this pulley"):
         load(tmp_path, square(("e", 0.5, 1.04, "back")))
+
+
+def test_spans_that_cross_are_named_in_the_reading_that_comes_closest(tmp_path):
+    with pytest.raises(bj.FileError, match=r"crosses itself: spans a-e and c-d"):
+        load(tmp_path, square(("e", 0.5, 1.4, "back")))
 
 
 def test_missing_file_is_named(tmp_path):

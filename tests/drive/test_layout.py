@@ -98,6 +98,30 @@ def test_path_closes_and_follows_the_arm(n):
     np.testing.assert_allclose(slope, take_up.sum(axis=1), rtol=1e-9, atol=1e-13)
 
 
+def test_spans_that_cross_are_reported_and_harmless():
+    # A presser goes through the lower span of two pulleys; the turn of the belt is still one.
+    one = jnp.ones(1)
+    numbers = {"EA": 1e5 * one[0], "EI": 0.01 * one[0], "speed": one[0]}
+    radii, faces = jnp.array([0.05, 0.05, 0.02]), jnp.array([1.0, 1.0, -1.0])
+
+    def path(y):
+        centers = jnp.stack([jnp.array([0.0, 0.0]), jnp.array([0.4, 0.0]), jnp.stack([0.2, y])])
+        pivot = jnp.array([0.1, 0.3])
+        drive, _ = build(
+            centers, radii, faces, jnp.array([0.0, 0, 1]), pivot, 50.0, 300.0, 0 * radii, numbers
+        )
+        at = bj.layout(drive)
+        return at.path_length, (at.result, at.wraps)
+
+    look = jax.jit(jax.vmap(jax.value_and_grad(path, has_aux=True)))
+    (_, (result, wraps)), slopes = look(jnp.array([0.05, -0.029, -0.075]))
+    np.testing.assert_allclose(wraps @ faces, 2 * np.pi, rtol=1e-12)
+    crossed = result == bj.RESULTS.path_not_simple
+    assert crossed.tolist() == [False, False, True]
+    assert (slopes[:2] < 0).all()
+    assert slopes[2] == 0.0
+
+
 def test_pulleys_without_tangent_are_reported_and_harmless():
     drive, _ = example("three_pulley")
 
