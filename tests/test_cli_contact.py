@@ -49,6 +49,7 @@ def test_the_table_5_1_drive_with_all_keys_and_pictures(run, tmp_path):
     assert b"<svg" in (tmp_path / "m.svg").read_bytes()[:600]
 
 
+@pytest.mark.slow
 def test_the_largest_torques_of_seven_pulleys(run):
     status, out, _ = run("contact", SEVEN, "--maximum", "--json", "-")
     found = json.loads(out)

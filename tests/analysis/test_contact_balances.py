@@ -34,6 +34,9 @@ for place in WRAPPED:
     CASES[f"random {place}"] = lambda law, k=place: state(*random_seven(7)[k], law=law)
 
 
+MORE = {f"random {place}" for place in WRAPPED[1:]}
+
+
 def point_contact():
     return seven(torque=(0, 1, 0, 0.7, 0.05, 1.5), EI=0.19)
 
@@ -44,8 +47,11 @@ def test_the_idler_touches_at_one_point():
     assert 0 < found.contact_curvatures[3] * 0.045 < 1
 
 
+NAMES = [pytest.param(name, marks=pytest.mark.slow if name in MORE else ()) for name in CASES]
+
+
 @pytest.mark.parametrize("law", ["kong", "hyperelastic"])
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", NAMES)
 def test_every_balance_closes(name, law):
     found = CASES[name](law)
     assert found.feasible
@@ -62,7 +68,7 @@ def test_every_balance_closes(name, law):
         assert abs(b.power) <= 1e-10 * b.friction_loss
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", NAMES)
 def test_the_sources_law_makes_power_of_bending(name):
     found = CASES[name]("kong")
     b = balances(*data_of(found))

@@ -56,6 +56,7 @@ def test_the_two_routes_share_their_derivatives():
         np.testing.assert_allclose(a, b, rtol=1e-8, atol=1e-8 * np.abs(a).max())
 
 
+@pytest.mark.slow
 def test_sensitivities_of_the_command_line_are_the_gradients():
     drive, point = example("three_pulley")
     basis = bj.Legendre(6)
@@ -84,7 +85,7 @@ def twin_spans():
     return drive, bj.OperatingPoint(belt_speed=0.0)
 
 
-@pytest.mark.parametrize("route", ROUTES)
+@pytest.mark.parametrize("route", ["basis", pytest.param("exact", marks=pytest.mark.slow)])
 def test_repeated_frequencies(route):
     drive, point = twin_spans()
     basis, exact = ROUTES[route]

@@ -223,6 +223,7 @@ def test_damping_ratio_of_all_modes():
     assert damped.result == bj.RESULTS.successful
 
 
+@pytest.mark.slow
 def test_a_free_drive_leaves_its_rotation_out():
     held = linearized("three_pulley", 0.04, 0.4, bj.Legendre(10))
     free = linearized("three_pulley", 0.04, 0.4, bj.Legendre(10), free=True)
@@ -252,7 +253,7 @@ def test_locked_centers_have_no_arm():
     )
 
 
-@pytest.mark.parametrize("travel", ["listed", "opposite"])
+@pytest.mark.parametrize("travel", [pytest.param("listed", marks=pytest.mark.slow), "opposite"])
 def test_direction_of_travel_changes_no_frequency(travel):
     drive, point = at_groups(vibrating("seven_pulley"), 0.03, 0.6)
     turned = dataclasses.replace(point, travel=travel)

@@ -131,6 +131,7 @@ def test_derivatives_three_ways(ends):
         np.testing.assert_allclose(forward[:, :, k], difference, rtol=1e-6, atol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ends", [("fixed", "simple")])
 def test_frequency_slopes_of_a_string(ends):
     # d omega/d eps = n pi sqrt(1-v^2) for each fixed end, by (2.37) and (2.38).

@@ -154,6 +154,7 @@ def test_derivatives_forward_reverse_nested_and_by_difference():
     assert float(found.second.factor[4]) == pytest.approx(second_exact, rel=1e-7)
 
 
+@pytest.mark.slow
 def test_derivatives_with_respect_to_closure_interval_and_x():
     factors = np.full(8, 1.2)
     found = lanes(factors, b=1.5, x=0.7)

@@ -197,6 +197,7 @@ optimizer = { method = "slsqp", starts = 8 }
 """
 
 
+@pytest.mark.slow
 def test_a_belt_that_crosses_itself_is_no_optimum(tmp_path):
     # Through the lower span, too, the presser lengthens the belt: but then that one crosses.
     (tmp_path / "drive.toml").write_text(CROSSING)
