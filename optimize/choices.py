@@ -2,6 +2,8 @@
 
 import dataclasses
 import itertools
+import math
+import time
 from typing import NamedTuple
 
 import equinox as eqx
@@ -30,25 +32,27 @@ def enumerated(study: Study, advance: Advance | None = None) -> list[Chosen]:
     """The best design of every combination of a study's choices, the best first.
 
     The augmented Lagrangian takes all starts of all combinations as one batch. A combination
-    without a design that meets all limits comes after those that have one. Raises `ValueError`
-    for a study without choices.
+    without a design that meets all limits comes after those that have one. The study's time limit
+    is for all of them. Raises `ValueError` for a study without choices.
     """
     if not study.choices:
         raise ValueError("enumerated: the study has no choices; use `minimize`.")
     tell = advance or (lambda stage, done, total: None)
+    deadline = math.inf if study.time_limit is None else time.monotonic() + study.time_limit
     asked = len(study.constraints.names)
     combinations = list(itertools.product(*(choice.options for choice in study.choices)))
     tell("compiling", 0, None)
     numbers = [dict(pair for o in options for pair in o.numbers) for options in combinations]
     studies = [with_implied_constraints(_with(study, values)) for values in numbers]
     begins = [starting_points(one) for one in studies]
-    states = _searched(studies, begins, tell)
+    states, in_time = _searched(studies, begins, tell, deadline)
     found = []
     columns = combinations, numbers, studies, begins, states
     for options, values, one, begin, end in zip(*columns, strict=True):
         rows = limited_rows(one, begin.parts)
         look = looking(one, begin.scales, rows)
-        design = report(one, asked, begin, rows, look, ends_of(end))
+        searched = ends_of(end)._replace(in_time=in_time)
+        design = report(one, asked, begin, rows, look, searched)
         labels = {c.name: o.label for c, o in zip(study.choices, options, strict=True)}
         found.append(Chosen(labels, values, design))
     return sorted(found, key=lambda c: (not c.design.success, c.design.final or 0.0))
@@ -60,8 +64,8 @@ def _with(study: Study, numbers: dict[str, float]) -> Study:
     return dataclasses.replace(study, drive=drive, choices=())
 
 
-def _searched(studies: list[Study], begins: list[Starts], tell: Advance):
-    """States of all combinations after the search, one by one."""
+def _searched(studies: list[Study], begins: list[Starts], tell: Advance, deadline: float):
+    """States of all combinations after the search, one by one, and whether time sufficed."""
     stacked, scales, states = (
         jax.tree.map(lambda *leaves: jnp.stack(leaves), *parts)
         for parts in (
@@ -72,12 +76,17 @@ def _searched(studies: list[Study], begins: list[Starts], tell: Advance):
     )
     lanes = len(studies) * studies[0].starts
     step = quickly_compiled(_step) if lanes <= FEW else eqx.filter_jit(_step)
+    in_time = True
     for done in range(1, OUTER_STEPS + 1):
+        in_time = time.monotonic() < deadline
+        if not in_time:
+            break
         states = step(stacked, scales, states)
         tell(f"{int(jnp.sum(states.done))} of {lanes} converged", done, OUTER_STEPS)
         if bool(jnp.all(states.stopped)):
             break
-    return [jax.tree.map(lambda x, k=k: x[k], states) for k in range(len(studies))]
+    ended = [jax.tree.map(lambda x, k=k: x[k], states) for k in range(len(studies))]
+    return ended, in_time
 
 
 def _step(studies: Study, scales, states):

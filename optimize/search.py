@@ -151,7 +151,8 @@ def ends_of(states: Iterate) -> Search:
     """Where the starts ended, without the way there."""
     host = jax.device_get(states)
     points = np.asarray(to_unit(host.z))
-    columns = points, host.objective, host.violation, host.valid, host.done
+    objective = np.where(host.inner_steps > 0, host.objective, np.nan)  # nan: never begun
+    columns = points, objective, host.violation, host.valid, host.done
     ends = [End(*end) for end in zip(*columns, strict=True)]
     return Search(ends, _history([host.objective], [host.violation]), True)
 

@@ -152,6 +152,9 @@ def test_a_front_is_made_of_optima_that_its_multipliers_lead_along():
 @pytest.mark.slow
 def test_choices_are_each_the_best_of_their_own_study():
     posed = bj.optimize.load_study(EXAMPLES / "three_pulley_ribs.toml")
+    late = bj.optimize.enumerated(dataclasses.replace(posed, time_limit=1e-9))
+    assert all(one.design.result == bj.RESULTS.time_limit_reached for one in late)
+    assert late[0].design.starts[0].result == "out of time"
     found = bj.optimize.enumerated(posed)
     assert [one.labels["belt"] for one in found] == ["3 ribs", "4 ribs", "6 ribs"]
     for one in found:
