@@ -318,6 +318,9 @@ def _check_output(path: str | None, source: str) -> None:
     folder = Path(path).resolve().parent
     if Path(path).resolve() == Path(source).resolve():
         raise click.ClickException(f"{path}: is the file that is read; give another for the output")
+    special = Path(path).exists() and not Path(path).is_file()  # such as a pipe
+    if not special and folder.is_dir() and not os.access(folder, os.W_OK):
+        raise click.ClickException(f"{path}: its folder may not be written; give another folder")
     if not folder.is_dir() or Path(path).is_dir():
         raise click.ClickException(
             f"{path}: cannot be written there; give a file in a folder that exists"

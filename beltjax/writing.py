@@ -11,7 +11,11 @@ def write_whole(path: str | os.PathLike[str], content: bytes) -> None:
     if target.exists() and not target.is_file():
         target.write_bytes(content)
         return
-    handle, partial = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.resolve().parent)
+    try:
+        handle, partial = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.resolve().parent)
+    except OSError as error:
+        error.filename = str(path)  # not the name that only this function knows
+        raise
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(content)

@@ -127,3 +127,21 @@ def test_a_drive_file_is_no_study(run):
     status, _, err = run("optimize", EXAMPLES / "three_pulley.toml")
     assert status == 1
     assert "three_pulley.toml: belt: is the key of a drive file; give a study" in err
+
+
+def test_a_folder_that_may_not_be_written_is_named_before_the_work(run, monkeypatch, tmp_path):
+    monkeypatch.setattr("os.access", lambda folder, mode: False)
+    status, out, err = run("optimize", EXAMPLES / "three_pulley_study.toml", "--json", "o.json")
+    assert (status, out) == (1, "")
+    assert "its folder may not be written; give another folder" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_that_cannot_be_written_is_named_by_its_own_name(monkeypatch, tmp_path):
+    def full(**_):
+        raise OSError(28, "No space left on device", "a name of its own")
+
+    monkeypatch.setattr("tempfile.mkstemp", full)
+    with pytest.raises(OSError, match="No space left") as error:
+        bj.writing.write_whole(tmp_path / "o.json", b"{}")
+    assert error.value.filename == str(tmp_path / "o.json")
