@@ -313,18 +313,19 @@ def _check_picture(path: str | None) -> None:
 
 def _check_output(path: str | None, source: str) -> None:
     """Refuse an output that cannot or must not be written before the work, not after it."""
+    from beltjax.writing import is_special
+
     if path is None or path == "-":
         return
     folder = Path(path).resolve().parent
     if Path(path).resolve() == Path(source).resolve():
         raise click.ClickException(f"{path}: is the file that is read; give another for the output")
-    special = Path(path).exists() and not Path(path).is_file()  # such as a pipe
-    if not special and folder.is_dir() and not os.access(folder, os.W_OK):
-        raise click.ClickException(f"{path}: its folder may not be written; give another folder")
     if not folder.is_dir() or Path(path).is_dir():
         raise click.ClickException(
             f"{path}: cannot be written there; give a file in a folder that exists"
         )
+    if not is_special(path) and not os.access(folder, os.W_OK):
+        raise click.ClickException(f"{path}: its folder may not be written; give another folder")
 
 
 def _prepare_jax() -> None:

@@ -5,10 +5,15 @@ import tempfile
 from pathlib import Path
 
 
+def is_special(path: str | os.PathLike[str]) -> bool:
+    """Whether there is something to be written to, not replaced: a pipe, a device."""
+    return os.path.exists(path) and not os.path.isfile(path)
+
+
 def write_whole(path: str | os.PathLike[str], content: bytes) -> None:
     """Put `content` at `path`; a pipe or a device there is written to, not replaced."""
     target = Path(path)
-    if target.exists() and not target.is_file():
+    if is_special(target):
         target.write_bytes(content)
         return
     try:

@@ -2,8 +2,6 @@
 
 import dataclasses
 import itertools
-import math
-import time
 from typing import NamedTuple
 
 import equinox as eqx
@@ -16,7 +14,16 @@ from beltjax.numerics.compilation import quickly_compiled
 
 from .outcome import Design, report
 from .problem import Starts, limited_rows, starting_points, with_implied_constraints
-from .search import FEW, OUTER_STEPS, Advance, batch_step, ends_of, first_states, looking
+from .search import (
+    FEW,
+    Advance,
+    batch_step,
+    deadline_of,
+    ends_of,
+    first_states,
+    iterated,
+    looking,
+)
 from .study import Study
 
 
@@ -38,20 +45,20 @@ def enumerated(study: Study, advance: Advance | None = None) -> list[Chosen]:
     if not study.choices:
         raise ValueError("enumerated: the study has no choices; use `minimize`.")
     tell = advance or (lambda stage, done, total: None)
-    deadline = math.inf if study.time_limit is None else time.monotonic() + study.time_limit
+    deadline = deadline_of(study)
     asked = len(study.constraints.names)
     combinations = list(itertools.product(*(choice.options for choice in study.choices)))
     tell("compiling", 0, None)
     numbers = [dict(pair for o in options for pair in o.numbers) for options in combinations]
     studies = [with_implied_constraints(_with(study, values)) for values in numbers]
     begins = [starting_points(one) for one in studies]
-    states, in_time = _searched(studies, begins, tell, deadline)
+    states, timely = _searched(studies, begins, tell, deadline)
     found = []
     columns = combinations, numbers, studies, begins, states
     for options, values, one, begin, end in zip(*columns, strict=True):
         rows = limited_rows(one, begin.parts)
         look = looking(one, begin.scales, rows)
-        searched = ends_of(end)._replace(in_time=in_time)
+        searched = ends_of(end)._replace(in_time=timely)
         design = report(one, asked, begin, rows, look, searched)
         labels = {c.name: o.label for c, o in zip(study.choices, options, strict=True)}
         found.append(Chosen(labels, values, design))
@@ -64,7 +71,7 @@ def _with(study: Study, numbers: dict[str, float]) -> Study:
     return dataclasses.replace(study, drive=drive, choices=())
 
 
-def _searched(studies: list[Study], begins: list[Starts], tell: Advance, deadline: float):
+def _searched(studies: list[Study], begins: list[Starts], tell: Advance, deadline: float | None):
     """States of all combinations after the search, one by one, and whether time sufficed."""
     stacked, scales, states = (
         jax.tree.map(lambda *leaves: jnp.stack(leaves), *parts)
@@ -76,17 +83,9 @@ def _searched(studies: list[Study], begins: list[Starts], tell: Advance, deadlin
     )
     lanes = len(studies) * studies[0].starts
     step = quickly_compiled(_step) if lanes <= FEW else eqx.filter_jit(_step)
-    in_time = True
-    for done in range(1, OUTER_STEPS + 1):
-        in_time = time.monotonic() < deadline
-        if not in_time:
-            break
-        states = step(stacked, scales, states)
-        tell(f"{int(jnp.sum(states.done))} of {lanes} converged", done, OUTER_STEPS)
-        if bool(jnp.all(states.stopped)):
-            break
+    states, timely = iterated(lambda s: step(stacked, scales, s), states, tell, deadline)
     ended = [jax.tree.map(lambda x, k=k: x[k], states) for k in range(len(studies))]
-    return ended, in_time
+    return ended, timely
 
 
 def _step(studies: Study, scales, states):

@@ -1,12 +1,11 @@
 """From a study to a design."""
 
 import os
-import time
 
 from .checkpoint import Checkpoint
 from .outcome import Design, report
 from .problem import limited_rows, starting_points, with_implied_constraints
-from .search import Advance, Means, looking, search
+from .search import Advance, Means, deadline_of, looking, search
 from .study import Study
 
 
@@ -29,7 +28,7 @@ def minimize(
     Raises `ValueError` for a checkpoint of another study.
     """
     tell = advance or (lambda stage, done, total: None)
-    deadline = None if study.time_limit is None else time.monotonic() + study.time_limit
+    deadline = deadline_of(study)
     asked = len(study.constraints.names)
     study = with_implied_constraints(study)
     tell("compiling", 0, None)

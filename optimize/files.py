@@ -11,12 +11,12 @@ from pydantic import Field
 
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.files import load_drive
-from beltjax.drive.numbers import require_number, unit_of_number
+from beltjax.drive.numbers import unit_of_number
 from beltjax.drive.quantities import Table, read_toml, to_si, validated
 from beltjax.drive.variables import unit_of, variable_names
 from beltjax.errors import FileError
 
-from .points import PointTable, SiOrText, number_of, read_cases
+from .points import PointTable, SiOrText, number_of, read_cases, require_of_drive
 from .quantities import is_many
 from .study import Choice, Limits, Option, Study, require_quantity, split_name
 from .tolerances import RobustTable, ToleranceTable, read_scatter
@@ -206,12 +206,7 @@ def _choice(table: ChoiceTable, drive: Drive, path: object) -> Choice:
         if not numbers:
             raise FileError(path, key, f"option {place} has no numbers; give some by their keys")
         for name in numbers:
-            try:
-                require_number(drive, name)
-            except ValueError as error:
-                raise FileError(path, key, str(error)) from error
-            if name.startswith("operation."):
-                raise FileError(path, key, f"{name!r} is no part of the drive; use [[point]]")
+            require_of_drive(drive, name, path, key)
         si = {k: number_of(v, unit_of_number(k), path, f"{key}.{k}") for k, v in numbers.items()}
         options.append(Option(str(given.get("label", place)), tuple(si.items())))
     return Choice(table.name, tuple(options))

@@ -33,7 +33,8 @@ class MeanPlus(eqx.Module):
 
     def of_sample(self, values: Float[Array, " points"]) -> Float[Array, ""]:
         """Of a sample, with derivatives."""
-        mean, deviation = moments(values)
+        mean = jnp.mean(values)
+        deviation = norm(values - mean) / np.sqrt(max(len(values) - 1, 1))
         return mean + self.factor * deviation
 
 
@@ -120,12 +121,6 @@ class Scatter(eqx.Module):
             mean, away = linear.mean[:-1], self.measure.factor * linear.deviation[:-1]
             low, high, runs = mean - away, mean + away, linear.mean[-1] > 0
         return Extremes(unravel(low), unravel(high), runs)
-
-
-def moments(values: Float[Array, " points"]) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Mean and standard deviation of a sample."""
-    mean = jnp.mean(values)
-    return mean, norm(values - mean) / np.sqrt(max(len(values) - 1, 1))
 
 
 def smooth_quantile(

@@ -224,10 +224,10 @@ def _constraint_reports(
     study: Study,
     asked: int,
     scales: Scales,
-    measured: tuple[Measured, Measured | None],
+    found: tuple[Measured, Measured | None],
     prices: np.ndarray | None,
 ) -> tuple[ConstraintReport, ...]:
-    (shown, drawn), reports, place = measured, [], 0
+    (shown, drawn), reports, place = found, [], 0
     for i, name in enumerate(study.constraints.names):
         least, greatest = shown.least[i], shown.greatest[i]
         low, high = float(study.constraints.lower[i]), float(study.constraints.upper[i])

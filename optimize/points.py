@@ -1,6 +1,7 @@
 """The operating points of a study file, and ranges of speeds that stand for many."""
 
 import dataclasses
+from collections.abc import Iterable
 from typing import Annotated
 
 import jax
@@ -9,6 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from beltjax.drive.components import Drive, OperatingPoint
+from beltjax.drive.numbers import require_numbers
 from beltjax.drive.quantities import Table, to_si
 from beltjax.errors import FileError
 
@@ -40,6 +42,18 @@ def number_of(value: SiOrText, unit: str, path: object, key: str) -> float:
         return to_si(value, unit)
     except ValueError as error:
         raise FileError(path, key, str(error)) from error
+
+
+def require_of_drive(
+    drive: Drive, name: str, path: object, key: str, others: Iterable[str] = ()
+) -> None:
+    """Raise `FileError` unless a study may set this number of the drive, beside `others`."""
+    try:
+        require_numbers(drive, [*others, name])
+    except ValueError as error:
+        raise FileError(path, key, str(error)) from error
+    if name.startswith("operation."):
+        raise FileError(path, key, f"{name!r} is no part of the drive; use [[point]]")
 
 
 def read_cases(

@@ -13,7 +13,7 @@ from beltjax.drive.numbers import number_value
 from beltjax.numerics.compilation import quickly_compiled
 
 from .batches import FEW, Question, in_batches
-from .measures import MeanPlus, Measure, WorstQuantile, smooth_quantile
+from .measures import MeanPlus, Measure, WorstQuantile
 from .quantities import quantity
 from .uncertainty import (
     Indices,
@@ -162,7 +162,7 @@ def _sampled_value(question: Question, kinds, measure, points: np.ndarray) -> Ro
     values = jnp.where(runs > 0, values, mean)
     deviation = jnp.sqrt(jnp.sum((values - mean) ** 2) / jnp.maximum(count - 1, 1.0) + 1e-300)
     if isinstance(measure, WorstQuantile):
-        value = smooth_quantile(values, measure.quantile, measure.sharpness)
+        value = measure.of_sample(values)
         own = jax.lax.stop_gradient(jnp.quantile(values, measure.quantile))
     else:
         value, own = mean + measure.factor * deviation, _NONE

@@ -16,7 +16,7 @@ from .checkpoint import Checkpoint
 from .lagrangian import Iterate, first_iterate, outer_step, to_unit
 from .optimality import SETTLED, Local, Look, optimality
 from .problem import Scales, Starts, evaluation, slopes
-from .solvers import solve
+from .solvers import in_time, solve
 from .study import Study
 
 Advance = Callable[[str, int, int | None], None]
@@ -78,7 +78,12 @@ class Means(NamedTuple):
     @property
     def in_time(self) -> bool:
         """Whether there is time left."""
-        return self.deadline is None or time.monotonic() < self.deadline
+        return in_time(self.deadline)
+
+
+def deadline_of(study: Study) -> float | None:
+    """When a study's time, which begins now, is over."""
+    return None if study.time_limit is None else time.monotonic() + study.time_limit
 
 
 def looking(study: Study, scales: Scales, rows: np.ndarray) -> Look:
@@ -118,23 +123,36 @@ def _by_lagrangian(study: Study, begin: Starts, means: Means) -> Search:
         objective, violation = list(saved["path_objective"]), list(saved["path_violation"])
         first = len(objective) + 1
     step = quickly_compiled(batch_step) if study.starts <= FEW else eqx.filter_jit(batch_step)
-    in_time = True
-    for done in range(first, OUTER_STEPS + 1):
-        if bool(jnp.all(states.stopped)):
-            break
-        in_time = means.in_time
-        if not in_time:
-            break
+
+    def stepped(states: Iterate) -> Iterate:
         states = step(study.asked, begin.scales, states)
         objective.append(np.asarray(states.objective))
         violation.append(np.asarray(states.violation))
         if means.checkpoint is not None:
             path = {"path_objective": objective, "path_violation": violation}
             means.checkpoint.save(**states._asdict(), **path)
-        means.advance(
-            f"{int(jnp.sum(states.done))} of {len(begin.points)} converged", done, OUTER_STEPS
-        )
-    return ends_of(states)._replace(history=_history(objective, violation), in_time=in_time)
+        return states
+
+    states, timely = iterated(stepped, states, means.advance, means.deadline, first)
+    return ends_of(states)._replace(history=_history(objective, violation), in_time=timely)
+
+
+def iterated(
+    step: Callable[[Iterate], Iterate],
+    states: Iterate,
+    tell: Advance,
+    deadline: float | None,
+    first: int = 1,
+) -> tuple[Iterate, bool]:
+    """The states of all starts after the last outer iteration, and whether time sufficed."""
+    for done in range(first, OUTER_STEPS + 1):
+        if bool(jnp.all(states.stopped)):
+            break
+        if not in_time(deadline):
+            return states, False
+        states = step(states)
+        tell(f"{int(jnp.sum(states.done))} of {states.done.size} converged", done, OUTER_STEPS)
+    return states, True
 
 
 def first_states(begin: Starts) -> Iterate:
@@ -170,10 +188,10 @@ def _by_solver(study: Study, begin: Starts, means: Means) -> Search:
         columns = (saved[field] for field in End._fields)
         ends = [End(*end) for end in zip(*columns, strict=True)]
         paths = [path[np.isfinite(path[:, 0])] for path in saved["paths"]]
-    in_time = True
+    timely = True
     for x in np.asarray(begin.points)[len(ends) :]:
-        in_time = means.in_time
-        if not in_time:
+        timely = means.in_time
+        if not timely:
             ends.append(End(x, np.nan, np.inf, False, False))
             continue
         end, path = _solved(study.method, means, x)
@@ -186,7 +204,7 @@ def _by_solver(study: Study, begin: Starts, means: Means) -> Search:
             )
         means.advance(f"{sum(e.converged for e in ends)} converged", len(ends), len(begin.points))
     stacked = _padded(paths)
-    return Search(ends, History(stacked[..., 0].T, stacked[..., 1].T), in_time)
+    return Search(ends, History(stacked[..., 0].T, stacked[..., 1].T), timely)
 
 
 def _solved(method: str, means: Means, x: np.ndarray) -> tuple[End, np.ndarray]:

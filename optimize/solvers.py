@@ -24,6 +24,11 @@ class Ended(NamedTuple):
     path: tuple[tuple[float, float], ...]  # objective and violation of every iteration
 
 
+def in_time(deadline: float | None) -> bool:
+    """Whether it is before a `deadline` of `time.monotonic`; None is never."""
+    return deadline is None or time.monotonic() < deadline
+
+
 class _Problem:
     """What a solver asks at a point; box bounds kept apart."""
 
@@ -52,7 +57,7 @@ class _Problem:
     def note(self, f: float, violation: float) -> bool:
         """Keep an iteration; whether there is time for the next."""
         self.path.append((float(f), float(violation)))
-        return self._deadline is None or time.monotonic() < self._deadline
+        return in_time(self._deadline)
 
     def watch(self, x: Vector, *_: Any) -> None:
         """The same for SciPy, which ends a search by an exception."""

@@ -6,12 +6,12 @@ from typing import Annotated
 from pydantic import Field
 
 from beltjax.drive.components import Drive
-from beltjax.drive.numbers import require_numbers, unit_of_number
+from beltjax.drive.numbers import unit_of_number
 from beltjax.drive.quantities import Table
 from beltjax.errors import FileError
 
 from .measures import MeanPlus, Measure, Scatter, WorstQuantile
-from .points import SiOrText, number_of
+from .points import SiOrText, number_of, require_of_drive
 from .uncertainty import Normal, Tolerance, Uniform
 
 _SAMPLES = 256  # for a quantile, unless given
@@ -48,12 +48,7 @@ def read_scatter(
     tolerances: dict[str, Tolerance] = {}
     for table in tables:
         key = f"tolerance.{table.name}"
-        if table.name.startswith("operation."):
-            raise FileError(path, key, "is no part of the drive; use [[point]]")
-        try:
-            require_numbers(drive, [*tolerances, table.name])
-        except ValueError as error:
-            raise FileError(path, key, str(error)) from error
+        require_of_drive(drive, table.name, path, key, others=tolerances)
         tolerances[table.name] = _tolerance(table, path, key)
     measure, samples = _measure(robust or RobustTable(), path)
     return Scatter(tuple(tolerances), tuple(tolerances.values()), measure, samples)

@@ -120,9 +120,9 @@ def linear_moments(
     return Linear(mean, norm(parts), parts)
 
 
-def norm(parts: Array, axis: int = -1) -> Array:
+def norm(parts: Array) -> Array:
     """Root of the sum of squares, whose slope at zero is zero rather than nan."""
-    square = jnp.sum(parts**2, axis=axis)
+    square = jnp.sum(parts**2, axis=-1)
     safe = jnp.where(square > 0, square, 1.0)
     return jnp.where(square > 0, jnp.sqrt(safe), 0.0)
 

@@ -72,6 +72,7 @@ class Fault(NamedTuple):
 
     key: str
     message: str
+    passed: int = 0  # checks before the one that found it
 
 
 def require_possible_layout(drives: list[Drive], path: object) -> Drive:
@@ -84,10 +85,8 @@ def require_possible_layout(drives: list[Drive], path: object) -> Drive:
     possible = [drive for drive, fault in zip(drives, faults, strict=True) if fault is None]
     if not possible:
         # Where the sense is left open, the reading that comes closest tells most.
-        closest = max(range(len(drives)), key=lambda k: _closeness(drives[k]))
-        fault = faults[closest]
-        assert fault is not None  # as no drive is possible
-        raise FileError(path, fault.key, fault.message)
+        closest = max(filter(None, faults), key=lambda fault: fault.passed)
+        raise FileError(path, closest.key, closest.message)
     if len(possible) > 1 and len(drives[0].pulleys) > 2:
         raise FileError(
             path, "listed", "both senses give a path; say 'counterclockwise' or 'clockwise'"
@@ -104,13 +103,11 @@ def _survey(drive: Drive, arm_rotation) -> tuple[Layout, Clearances]:
 def layout_fault(drive: Drive, arm_rotation: float = 0.0) -> Fault | None:
     """What makes the layout impossible, with the arm turned by so much; None if nothing does."""
     survey = jax.device_get(_survey(drive, arm_rotation))
-    return next(filter(None, (find(drive, *survey) for find in _CHECKS)), None)
-
-
-def _closeness(drive: Drive) -> int:
-    """How many checks a layout that is not possible passes before the one that it fails."""
-    survey = jax.device_get(_survey(drive, 0.0))
-    return next(i for i, find in enumerate(_CHECKS) if find(drive, *survey))
+    for passed, find in enumerate(_CHECKS):
+        fault = find(drive, *survey)
+        if fault:
+            return fault._replace(passed=passed)
+    return None
 
 
 def _arm_fault(drive: Drive, at: Layout, gaps: Clearances) -> Fault | None:

@@ -145,8 +145,8 @@ def followed_root(
 
     The second argument rises from 0, where `guess` is close to a root, in steps that are halved
     where the search fails and doubled where it does not; one below `smallest_load` is given up.
-    Where not even a first step succeeds, all is tried once more from `origin`. Gives the load
-    reached too; `steps` counts those of all searches.
+    Where not even a first step succeeds, all is tried once more from `origin`, if that is another.
+    Gives the load reached too; `steps` counts those of all searches.
     """
 
     def body(state):
@@ -169,7 +169,7 @@ def followed_root(
         return (load < 1) & (step >= smallest_load)
 
     nothing = Search(guess, jnp.zeros_like(guess), jnp.array(False), jnp.array(0))
-    start = (nothing, jnp.zeros(()), jnp.ones(()), jnp.array(0), jnp.array(True))
+    start = (nothing, jnp.zeros(()), jnp.ones(()), jnp.array(0), jnp.any(origin != guess))
     last, load, _, steps, _ = jax.lax.while_loop(unfinished, body, start)
     return last._replace(converged=last.converged & (load >= 1), steps=steps), load
 

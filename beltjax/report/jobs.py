@@ -13,6 +13,7 @@ from rich.console import RenderableType
 
 from beltjax.analysis.linearization import has_inertias
 from beltjax.analysis.sensitivity import sensitivities
+from beltjax.drive.components import Drive
 from beltjax.drive.files import drive_bytes, load_drive
 from beltjax.errors import FileError
 from beltjax.numerics.bases import Legendre
@@ -47,10 +48,8 @@ def analysis_job(path: str | os.PathLike[str], figure: str | None = None) -> Rep
     Raises `FileError` where the file describes no possible drive.
     """
     drive, point = load_drive(path)
-    if figure and not has_inertias(drive):
-        lacking = [f"pulley.{p.name}.inertia" for p in drive.pulleys if p.inertia is None]
-        key = (lacking or ["tensioner.inertia"])[0]
-        raise FileError(path, key, "is missing; modes to draw need the inertia of every part")
+    if figure:
+        require_inertias(drive, path, "modes to draw need")
     found = jax.device_get(run_kept(sensitivities, drive, point, MODES, BASIS))
     why = diagnose(drive, point, found.steady)
     if why and why.impossible:
@@ -64,6 +63,14 @@ def analysis_job(path: str | os.PathLike[str], figure: str | None = None) -> Rep
         picture = figures.mode_shapes(drive, point, found.modes)
         files = ((figure, figures.picture_bytes(picture, figure)),)
     return Report(document, tables, failure, files)
+
+
+def require_inertias(drive: Drive, path: str | os.PathLike[str], what: str) -> None:
+    """Raise `FileError`, which names the first inertia that is missing and `what` needs it."""
+    if not has_inertias(drive):
+        lacking = [f"pulley.{p.name}.inertia" for p in drive.pulleys if p.inertia is None]
+        key = (lacking or ["tensioner.inertia"])[0]
+        raise FileError(path, key, f"is missing; {what} the inertia of every pulley and of the arm")
 
 
 class StudyRequest(NamedTuple):
@@ -154,6 +161,7 @@ def _text(objective: float | None) -> str:
 
 def _missed(design: Any) -> tuple[str, str]:
     """Key and message of what keeps a design from being a success."""
+    optimize = importlib.import_module("beltjax.optimize")
     missed = [constraint for constraint in design.constraints if constraint.violation]
     if design.result == RESULTS.no_starting_design:
         return "variable", explanation(design.result)
@@ -166,8 +174,8 @@ def _missed(design: Any) -> tuple[str, str]:
         low = constraint.lower is not None and constraint.value < constraint.lower
         limit = constraint.lower if low else constraint.upper
         side = "at least" if low else "at most"
-        name = constraint.quantity.partition("@")[0]
-        unit = importlib.import_module("beltjax.optimize").quantity(name, design.drive).unit
+        name, _ = optimize.study.split_name(constraint.quantity)
+        unit = optimize.quantity(name, design.drive).unit
         parts.append(
             f"{constraint.quantity} must be {side} {limit:.6g} and gets to {constraint.value:.6g}, "
             f"missed by {constraint.violation:.3g} {unit}".rstrip()

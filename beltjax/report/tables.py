@@ -107,12 +107,9 @@ def largest_changes(parts: Iterable[tuple[str, float, float]]) -> list[tuple[str
 def _components(name: str, size: Any, slope: Any) -> list[tuple[str, float, float]]:
     if not isinstance(slope, list):
         return [(name, size, slope)]
-    parts = zip(size, slope, strict=True)
-    ends = ".x.y" if name.endswith(("center", "pivot")) else None
-    return [
-        (f"{name}[{i}]" if ends is None else f"{name}{ends[2 * i : 2 * i + 2]}", *part)
-        for i, part in enumerate(parts)
-    ]
+    indices = [f"[{i}]" for i in range(len(slope))]
+    labels = [".x", ".y"] if name.endswith(("center", "pivot")) else indices
+    return [(name + label, *part) for label, *part in zip(labels, size, slope, strict=True)]
 
 
 def design_tables(document: dict[str, Any], before: dict[str, tuple[float, str]]) -> Group:

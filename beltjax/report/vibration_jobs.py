@@ -11,7 +11,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from beltjax.analysis.damping import Damping
-from beltjax.analysis.linearization import has_inertias
 from beltjax.analysis.response import Excitation, Response, speed_response
 from beltjax.analysis.sweep import CHUNK, Sweep, require_count, sweep
 from beltjax.drive.components import Drive, OperatingPoint
@@ -19,7 +18,7 @@ from beltjax.drive.files import load_drive
 from beltjax.drive.numbers import require_number, unit_of_number
 from beltjax.errors import FileError
 from beltjax.numerics.compilation import in_chunks, quickly_compiled
-from beltjax.report.jobs import Report
+from beltjax.report.jobs import Report, require_inertias
 from beltjax.report.requests import asked, read_amplitude, read_named, read_orders, read_range
 from beltjax.report.vibration import (
     response_curves,
@@ -161,9 +160,7 @@ def _response(drive, point, speeds, excitation, order, damping) -> Response:
 
 def _vibrating(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint]:
     drive, point = load_drive(path)
-    if not has_inertias(drive):
-        message = "is missing; vibration needs the inertia of every pulley and of the arm"
-        raise FileError(path, "inertia", message)
+    require_inertias(drive, path, "vibration needs")
     return drive, point
 
 
