@@ -37,7 +37,9 @@ def source_model(eps, s, beta=BETA) -> VibrationModel:
 
 
 def matrices(model, basis):
-    return assembled(model, basis, elongations(model, basis))
+    pulleys = jnp.arange(len(model.r))
+    d = elongations(model, basis, pulleys, arm=True)
+    return assembled(model, basis, d, pulleys, arm=True)
 
 
 def held(whole, spans, driver=0):

@@ -23,7 +23,9 @@ class Linearization(eqx.Module):
 
     Coordinates: the basis functions of span 1, of span 2, .., the rotations of the pulleys
     `pulleys` [rad, in the direction of belt travel], the arm's rotation if there is an arm.
-    Energies are in P0 r_t, times in `scales.time`. The driver is held unless `free`.
+    Energies are in P0 r_t, times in `scales.time`. The driver is held unless `free`. The matrices
+    follow from `model`, through which the derivatives of undamped frequencies are taken: a
+    change to a matrix alone has none.
     """
 
     mass: Float[Array, "size size"]
@@ -110,19 +112,14 @@ def linearize(
     has_arm = steady.reference.arm_angle is not None
     order, driver = _turning(steady)
     pulleys = order if free else order[1:]
-    d = elongations(model, basis)
-    whole = assembled(model, basis, d)
-    n = len(model.lam) * basis.size
-    kept = jnp.concatenate([jnp.arange(n), n + pulleys])
-    if has_arm:
-        kept = jnp.append(kept, len(whole.mass) - 1)
-    at = jnp.ix_(kept, kept)
-    good, unit = succeeded(result), jnp.eye(len(kept))
+    d = elongations(model, basis, pulleys, has_arm)
+    whole = assembled(model, basis, d, pulleys, has_arm)
+    good, unit = succeeded(result), jnp.eye(len(whole.mass))
     linearization = Linearization(
-        mass=jnp.where(good, whole.mass[at], unit),
-        gyroscopic=jnp.where(good, whole.gyroscopic[at], 0.0),
-        stiffness=jnp.where(good, whole.stiffness[at], unit),
-        elongations=jnp.where(good, d[:, kept], 0.0),
+        mass=jnp.where(good, whole.mass, unit),
+        gyroscopic=jnp.where(good, whole.gyroscopic, 0.0),
+        stiffness=jnp.where(good, whole.stiffness, unit),
+        elongations=jnp.where(good, d, 0.0),
         driving=jnp.where(good, turning_strains(model)[:, driver], 0.0) * (not free),
         model=model,
         pulleys=pulleys,

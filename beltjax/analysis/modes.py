@@ -15,14 +15,16 @@ from beltjax.numerics.bases import Products
 from beltjax.numerics.counting import Counted, counted_derivative, counted_root
 from beltjax.numerics.gyroscopic import (
     Eigen,
+    Forms,
     eigenvalues,
     eigenvectors,
+    forms,
     general_modes,
     hermitian_modes,
     repeated,
 )
 from beltjax.physics.exact_vibration import Characteristic, characteristic
-from beltjax.physics.vibration import VibrationModel, lift_products
+from beltjax.physics.vibration import VibrationModel, elongations, forms_of_spans, lift_products
 from beltjax.results import RESULTS, first_failure, frozen_where_failed, succeeded
 
 Route = Literal["auto", "hermitian", "general"]
@@ -116,7 +118,11 @@ def modes(
         C, route = C + damping_matrix(lin, damping), "general"
     found = found_modes(lin, C, count, exact, route)
     eigen = found.eigen
-    values = eigenvalues(lin.mass, C, lin.stiffness, eigen.values, eigen.left, eigen.vectors)
+    if damping is None:
+        held = _forms(lin, lin.model, eigen)
+    else:
+        held = forms(lin.mass, C, lin.stiffness, eigen.left, eigen.vectors)
+    values = eigenvalues(eigen.values, held)
     vectors = eigenvectors(lin.mass, C, lin.stiffness, eigen.values, eigen.vectors)
     frequencies = values.imag if found.polished is None else exact_frequencies(lin, found)
     result = _result(lin, found, route)
@@ -288,21 +294,25 @@ def _span_squares(lin: Linearization, fields, arm, of: Products) -> Float[Array,
     return own + 2 * cross.real + square * (jnp.abs(arm) ** 2)[:, None]
 
 
-class Pencil(NamedTuple):
+def _forms(lin: Linearization, model: VibrationModel, eigen: Eigen) -> Forms:
+    """Forms of the undamped matrices, as they follow from `model`."""
+    d = elongations(model, lin.basis, lin.pulleys, lin.has_arm)
+    return forms_of_spans(model, lin.basis, d, lin.pulleys, eigen.left, eigen.vectors)
+
+
+class Causes(NamedTuple):
     """What the frequencies of a linearization depend on; with a leading axis, their slopes."""
 
-    mass: Float[Array, "size size"]
-    gyroscopic: Float[Array, "size size"]
-    stiffness: Float[Array, "size size"]
+    model: VibrationModel
     time: Float[Array, ""]  # [s]
 
 
-def pencil(lin: Linearization) -> Pencil:
+def causes(lin: Linearization) -> Causes:
     """What the frequencies of `lin` depend on."""
-    return Pencil(lin.mass, lin.gyroscopic, lin.stiffness, lin.scales.time)
+    return Causes(lin.model, lin.scales.time)
 
 
-def modes_with_slopes(lin: Linearization, count: int) -> tuple[Modes, Pencil]:
+def modes_with_slopes(lin: Linearization, count: int) -> tuple[Modes, Causes]:
     """Undamped modes, and the derivative of each frequency by what it depends on.
 
     The same as those of `modes`, at a fraction of the compiling: the shapes' are left out.
@@ -311,11 +321,11 @@ def modes_with_slopes(lin: Linearization, count: int) -> tuple[Modes, Pencil]:
     eigen = found.eigen
     result = _result(lin, found, "hermitian")
 
-    def frequencies(at: Pencil):
-        raw = eigenvalues(*at[:3], eigen.values, eigen.left, eigen.vectors).imag / at.time
+    def frequencies(at: Causes):
+        raw = eigenvalues(eigen.values, _forms(lin, at.model, eigen)).imag / at.time
         return frozen_where_failed(raw, RESULTS.where(found.usable, RESULTS.successful, result))
 
-    _, pull = jax.vjp(frequencies, pencil(lin))
+    _, pull = jax.vjp(frequencies, causes(lin))
     (slopes,) = jax.vmap(pull)(jnp.eye(count))
     values = eigen.values
     return described(lin, found, values.imag, values.real, eigen.vectors, result), slopes

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from beltjax.analysis.linearization import has_inertias, linearize
-from beltjax.analysis.modes import Modes, modes_with_slopes, pencil
+from beltjax.analysis.modes import Modes, causes, modes_with_slopes
 from beltjax.analysis.steady import SteadyState, steady_state
 from beltjax.drive.components import Drive, OperatingPoint
 
@@ -60,7 +60,7 @@ def sensitivities(drive: Drive, point: OperatingPoint, count: int, basis) -> Sen
     def states(numbers):
         steady = steady_state(*numbers, throw=False)
         linearization = linearize(steady, basis) if vibrates else None
-        moved = pencil(linearization) if linearization is not None else None
+        moved = causes(linearization) if linearization is not None else None
         return (jnp.sum(steady.coupling), moved), (steady, linearization)
 
     (total, _), pull, found = eqx.filter_vjp(states, (drive, point), has_aux=True)

@@ -6,6 +6,7 @@ scaled to unit slope: the integral of psi_a' psi_b' is 1 where a = b, and 0 else
 """
 
 import abc
+import functools
 from typing import NamedTuple
 
 import equinox as eqx
@@ -159,8 +160,25 @@ def _legendre_values(t: Array, count: int) -> Array:
     return jnp.moveaxis(values, 0, -1)
 
 
+@functools.partial(jax.custom_jvp, nondiff_argnums=(2,))
 def _legendre_layer(u: Array, z: Array, count: int) -> Array:
-    """Integrals of P_j(2x - 1) with sinh(kx)/sinh(k), j = 0 .. count-1.
+    """Integrals of P_j(2x - 1) with sinh(kx)/sinh(k), j = 0 .. count-1."""
+    return _recurrence(u, z, count)
+
+
+@_legendre_layer.defjvp
+def _legendre_layer_jvp(count, primals, tangents):
+    # Through the recurrence once, forward: what is left to transpose is a sum.
+    def along(direction):
+        return jax.jvp(lambda u, z: _recurrence(u, z, count), primals, direction)
+
+    by_u = jnp.array([1.0, 0.0])
+    value, slopes = jax.vmap(along, out_axes=(None, 0))((by_u, 1 - by_u))
+    return value, slopes[0] * tangents[0] + slopes[1] * tangents[1]
+
+
+def _recurrence(u: Array, z: Array, count: int) -> Array:
+    """By the ratios of neighboring Bessel functions.
 
     With t_j = i_{j+1}/i_j at k/2, from t_j = 1/((2j + 3) 2u + t_{j+1}), downwards: upwards it
     is unstable. For thick layers tau_j = 2 t_j/k is used, which is smooth through k = 0.

@@ -12,7 +12,8 @@ Scalar = Float[Array, ""]
 
 _CLOSE = 1e-12  # relative width of the bracket in which a root has been caught
 _NEARLY = 100.0  # times that width, to which rounding may spoil the function
-_FIRST_STRIDE = 0.01
+_FIRST_STRIDE = 0.003
+_APART = 1e-9  # relative distance of two points that tell a slope
 
 
 class Counted(NamedTuple):
@@ -27,7 +28,9 @@ class Counted(NamedTuple):
 
 class _State(NamedTuple):
     x: Scalar
-    refined: Scalar  # x after one Newton step
+    earlier: Float[Array, "2 2"]  # the two points before x, apart from each other: x and value
+    slope: Scalar
+    refined: Scalar  # x after one step to the zero of the function
     lower: Scalar
     upper: Scalar
     last: Scalar  # size of the last step, twice that of a bisection
@@ -47,18 +50,21 @@ def counted_root(
 
     `value(x)` is the function at x > 0 and the number of its roots below x, repeated ones as
     often as they repeat. The count alone moves the bracket, so neither a neighboring root nor a
-    pole can be taken for the one asked for; Newton's method only chooses where to look next.
+    pole can be taken for the one asked for; the function, whose slope is that of the parabola
+    through the last three points, only chooses where to look next.
     The root is returned when the bracket is closed on it, to 1e-12, and never before. Where it
     is not `wanted`, as in a failed lane of a batch, nothing is done and the guess returned.
     """
 
     def body(state: _State) -> _State:
         x = state.x
-        (here, below), (slope, _) = jax.jvp(value, (x,), (jnp.ones_like(x),))
+        here, below = value(x)
+        slope, earlier = _through(x, here, state)
         over = below >= number
         lower = jnp.where(over, state.lower, x)
         upper = jnp.where(over, x, state.upper)
-        newton = -here / jnp.where(slope == 0, 1.0, slope)
+        newton = jnp.where(slope == 0, jnp.inf, -here / jnp.where(slope == 0, 1.0, slope))
+        newton = jnp.where(here == 0, 0.0, newton)
         close = _CLOSE * x
         refined = jnp.clip(x + newton, lower, upper)
         # At a root the last thing to do is to step over it, so that the bracket closes. Rounding
@@ -71,7 +77,7 @@ def counted_root(
         shrinks = jnp.abs(newton) <= jnp.maximum(0.5 * state.last, close)
         bracketed = jnp.isfinite(upper) & (lower > 0)
         limit = state.stride * x
-        stride = jnp.where(bracketed, state.stride, 2.0 * state.stride)
+        stride = jnp.where(bracketed, state.stride, 4.0 * state.stride)
         towards = jnp.where(against, jnp.inf, stepped)
         looking = x + jnp.where(over, -1.0, 1.0) * jnp.minimum(
             jnp.where(jnp.abs(newton) <= limit, 1.5 * jnp.abs(newton) + close, limit), limit
@@ -91,7 +97,8 @@ def counted_root(
         # After a bisection a Newton step to anywhere in the bracket is progress.
         bisected = bracketed & ~inside & ~over_it
         last = jnp.where(bisected, 1.01 * (upper - lower), jnp.abs(trial - x))
-        return _State(trial, refined, lower, upper, last, stride, state.steps + 1)
+        last = jnp.where(bracketed, last, jnp.inf)
+        return _State(trial, earlier, slope, refined, lower, upper, last, stride, state.steps + 1)
 
     def open_(state: _State) -> Bool[Array, ""]:
         return state.upper - state.lower > 4 * _CLOSE * state.x
@@ -101,11 +108,34 @@ def counted_root(
 
     zero, endless = jnp.zeros_like(guess), jnp.full_like(guess, jnp.inf)
     stride = jnp.full_like(guess, _FIRST_STRIDE)
-    start = _State(guess, guess, zero, endless, endless, stride, jnp.array(0))
+    nowhere = jnp.array([[jnp.inf, 0.0], [-jnp.inf, 0.0]], guess.dtype)
+    start = _State(guess, nowhere, zero, guess, zero, endless, endless, stride, jnp.array(0))
     end = jax.lax.while_loop(unfinished, body, start)
     root = jnp.clip(end.refined, end.lower, end.upper)
     root = jnp.where(open_(end), guess, root)
     return Counted(root, end.lower, end.upper, ~open_(end), end.steps)
+
+
+def _through(x: Scalar, here: Scalar, state: _State) -> tuple[Scalar, Float[Array, "2 2"]]:
+    """Slope at x of the parabola through x and the two points before it, and those to keep.
+
+    A point at infinity leaves the chord of the others, or, with both there, the slope 0. Points too
+    close to tell a slope by rounding are not taken.
+    """
+    (x1, f1), (x2, f2) = state.earlier
+    apart = jnp.abs(x - x1) > _APART * x
+
+    def chord(dx, df):
+        return df / jnp.where(dx == 0, jnp.inf, dx)
+
+    first, across, before = (
+        chord(x - x1, here - f1),
+        chord(x - x2, here - f2),
+        chord(x1 - x2, f1 - f2),
+    )
+    bent = jnp.where(jnp.abs(x - x2) > _APART * x, across - before, 0.0)
+    now = jnp.stack([jnp.stack([x, here]), state.earlier[0]])
+    return jnp.where(apart, first + bent, state.slope), jnp.where(apart, now, state.earlier)
 
 
 def counted_derivative(

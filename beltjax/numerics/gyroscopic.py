@@ -149,11 +149,22 @@ def _left_vectors(M: Matrix, C: Matrix, K: Matrix, values: Array, vectors: Vecto
     return jax.vmap(left)(values, vectors)
 
 
+class Forms(NamedTuple):
+    """y* M v, y* C v and y* K v of pairs of vectors y and v."""
+
+    mass: Complex[Array, " count"]
+    damping: Complex[Array, " count"]
+    stiffness: Complex[Array, " count"]
+
+
+def forms(M: Matrix, C: Matrix, K: Matrix, left: Vectors, right: Vectors) -> Forms:
+    """The forms of three matrices."""
+    return Forms(_form(left, M, right), _form(left, C, right), _form(left, K, right))
+
+
 @jax.custom_jvp
-def eigenvalues(
-    M: Matrix, C: Matrix, K: Matrix, values: Array, left: Vectors, right: Vectors
-) -> Complex[Array, " count"]:
-    """`values`, with their derivatives by M, C and K.
+def eigenvalues(values: Array, held: Forms) -> Complex[Array, " count"]:
+    """`values`, with their derivatives through the forms of their left and right vectors, held.
 
     d lambda = -y* (lambda^2 dM + lambda dC + dK) v / y* (2 lambda M + C) v: no gaps between
     eigenvalues enter, so that repeated ones have finite derivatives whose sum is right. For
@@ -164,11 +175,9 @@ def eigenvalues(
 
 @eigenvalues.defjvp
 def _eigenvalues_jvp(primals, tangents):
-    M, C, _, values, left, right = primals
-    dM, dC, dK = tangents[:3]
-    change = values**2 * _form(left, dM, right) + values * _form(left, dC, right)
-    change = change + _form(left, dK, right)
-    slope = 2 * values * _form(left, M, right) + _form(left, C, right)
+    (values, held), (_, moved) = primals, tangents
+    change = values**2 * moved.mass + values * moved.damping + moved.stiffness
+    slope = 2 * values * held.mass + held.damping
     return values, -change / jnp.where(slope == 0, 1.0, slope)
 
 

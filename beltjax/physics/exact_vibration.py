@@ -109,14 +109,15 @@ def span_response(m: VibrationModel, omega: Scalar) -> SpanResponse:
     inertia = (m.lam**2)[:, None]
     force = 1j * (inertia * omega**2 / of.r - (c * omega)[:, None])
     slope = _steady_slopes(m, of)
-    push = jnp.einsum("sj,sjc->sc", force * of.start, amplitudes)
-    pull = jnp.einsum("sj,sjc->sc", force * of.end, amplitudes)
+    # int w*' w' = [w*' w] - int w*'' w
+    of_waves = jnp.stack([force * of.start, force * of.end, _layer_moments(of, E)], axis=1)
+    # Sums of products here and below: XLA makes slow calls of small batched matrix products.
+    by_waves = jnp.sum(of_waves[:, :, :, None] * amplitudes[:, None, :, :], axis=2)
+    push, pull, moment = (by_waves[:, j] for j in range(3))
     on_delta = jnp.array([0.0, 0.0, 1.0])
     extra = 1j * (c * omega)[:, None] * forced + m.gam * slope
     push = push + extra[:, :1] * on_delta
     pull = pull + extra[:, 1:] * on_delta
-    # int w*' w' = [w*' w] - int w*'' w
-    moment = jnp.einsum("sj,sjc->sc", _layer_moments(of, E), amplitudes)
     same = (of.A**2 * of.alpha + of.A_end**2 * of.beta) * -jnp.expm1(-2 * of.k) / (2 * of.k)
     cross = of.A * of.A_end * (of.alpha + of.beta) * E
     moment = moment + (m.gam * (same + cross))[:, None] * on_delta
@@ -138,9 +139,8 @@ def _amplitudes(of: SpanWaves, forced) -> tuple[Array, ComplexSpans]:
 
     def layers(h0, h1):
         """Their moments' amplitudes for given moments at x = 0 and 1."""
-        return (h0 - far[:, None] * h1) / shared[:, None], (h1 - near[:, None] * h0) / shared[
-            :, None
-        ]
+        at_start, at_end = h0 - far[:, None] * h1, h1 - near[:, None] * h0
+        return at_start / shared[:, None], at_end / shared[:, None]
 
     def displaced(at_start, at_end):
         """Displacements at x = 0 and 1 by layers of such moments."""
@@ -159,12 +159,14 @@ def _amplitudes(of: SpanWaves, forced) -> tuple[Array, ComplexSpans]:
     rhs1 = jnp.array([0.0, 1.0, 0.0]) + h1 - e1
     determinant = row0[:, 0] * row1[:, 1] - row0[:, 1] * row1[:, 0]
     over = jnp.where(determinant == 0, 1e-300, determinant)[:, None]
-    c1 = (rhs0 * row1[:, 1:] - rhs1 * row0[:, 1:]) / over
-    c2 = (rhs1 * row0[:, :1] - rhs0 * row1[:, :1]) / over
-    c3 = by_waves[0][:, :1] * c1 + by_waves[0][:, 1:] * c2 + by_delta[0]
-    c4 = by_waves[1][:, :1] * c1 + by_waves[1][:, 1:] * c2 + by_delta[1]
-    c3, c4 = c3 / of.bend[:, 2:3], c4 / of.bend[:, 3:4]
-    return jnp.stack([c1, c2, c3, c4], axis=1), determinant
+    c1 = rhs0 * row1[:, 1:] - rhs1 * row0[:, 1:]
+    c2 = rhs1 * row0[:, :1] - rhs0 * row1[:, :1]
+    c3 = by_waves[0][:, :1] * c1 + by_waves[0][:, 1:] * c2 + by_delta[0] * over
+    c4 = by_waves[1][:, :1] * c1 + by_waves[1][:, 1:] * c2 + by_delta[1] * over
+    # One division, the last: XLA keeps its result, and computes no amplitude again for each use.
+    one = jnp.ones_like(shared)
+    below = over * jnp.stack([one, one, of.bend[:, 2], of.bend[:, 3]], axis=1)
+    return jnp.stack([c1, c2, c3, c4], axis=1) / below[:, :, None], determinant
 
 
 def _steady_slopes(m: VibrationModel, of: SpanWaves) -> Float[Array, "spans 2"]:
@@ -229,9 +231,9 @@ def dynamic_stiffness(
     own = jnp.diag(-(omega**2) * m.J[kept]).astype(complex)
     if arm:
         lift = jnp.stack([m.w_start, m.w_start + m.a], axis=-1)
-        to_arm = m.ka * jnp.einsum("sa,sa->s", of.forces[:, 2, :2], lift) / scale
+        to_arm = m.ka * jnp.sum(of.forces[:, 2, :2] * lift, axis=1) / scale
         coupling = jnp.concatenate([coupling, (to_arm + scale * m.pull)[:, None]], axis=1)
-        lifted = jnp.einsum("sa,sab,sb->s", lift, of.forces[:, :2, :2], lift)
+        lifted = jnp.sum(lift[:, :, None] * of.forces[:, :2, :2] * lift[:, None, :], axis=(1, 2))
         spring = m.k_s - omega**2 * m.J_t + jnp.sum(m.ka * lifted).real
         own = jnp.pad(own, (0, 1)).at[-1, -1].set(spring)
     return on_delta, coupling, own
@@ -244,7 +246,8 @@ def characteristic(
     of = span_response(m, omega)
     on_delta, coupling, own = dynamic_stiffness(m, kept, arm, omega, of)
     pivots = _not_zero(on_delta, -_TINY)
-    rest = own - jnp.einsum("sa,s,sb->ab", jnp.conj(coupling), 1 / pivots, coupling)
+    products = jnp.conj(coupling)[:, :, None] * coupling[:, None, :]
+    rest = own - jnp.sum(products / pivots[:, None, None], axis=0)
     later = _pivots(rest)
     value = jnp.prod(pivots) * jnp.prod(later) * jnp.prod(of.held)
     # Each span's delta is a multiplier: one negative pivot a span counts nothing.

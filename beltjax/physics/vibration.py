@@ -15,9 +15,10 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Complex, Float, Int
 
 from beltjax.numerics.bases import AbstractBasis, Products
+from beltjax.numerics.gyroscopic import Forms
 
 Scalar = Float[Array, ""]
 Spans = Float[Array, " spans"]
@@ -64,7 +65,7 @@ class Motion(NamedTuple):
 
 
 class Matrices(NamedTuple):
-    """M z'' + G z' + K z = 0 for z = (y of span 1, .., y of span n, theta, thetat)."""
+    """M z'' + G z' + K z = 0 for z = (y of span 1, .., y of span n, theta .., thetat)."""
 
     mass: Float[Array, "size size"]
     gyroscopic: Float[Array, "size size"]
@@ -98,42 +99,89 @@ def energy(
 
 
 def assembled(
-    model: VibrationModel, basis: AbstractBasis, d: Float[Array, "spans size"]
+    model: VibrationModel,
+    basis: AbstractBasis,
+    d: Float[Array, "spans size"],
+    kept: Int[Array, " kept"],
+    arm: bool,
 ) -> Matrices:
     """M, G and K from each span's own matrices, its lift by the arm, and its stretch.
 
-    All that couples the belt to the pulleys is one rank-one term a span: ka gamma d d^T, with
-    d the gradient of the span's elongation (`elongations`).
+    Rotations are those of the pulleys `kept`, then that of the arm if there is one. All that
+    couples the belt to the pulleys is one rank-one term a span: ka gamma d d^T, with d the
+    gradient of the span's elongation (`elongations`).
+    """
+    m, of = model, basis.products()
+    weight = m.lam**2 * m.ka
+    drag = m.tau * m.s * m.lam * m.ka
+
+    def whole(local, lifting, of_arm, of_pulleys, sign=1.0) -> Float[Array, "size size"]:
+        """Spans' matrices and rotations on the diagonal, the arm's column beside the spans."""
+        # Masked and joined, not scattered into place: in reverse, a frequency's slopes would
+        # gather every entry one by one.
+        spans, n, _ = local.shape
+        belt = (jnp.eye(spans)[:, None, :, None] * local[:, :, None, :]).reshape(spans * n, -1)
+        rigid = jnp.append(of_pulleys, of_arm) if arm else of_pulleys
+        beside = jnp.zeros((spans * n, len(kept)))
+        if arm:
+            beside = jnp.concatenate([beside, lifting.reshape(-1, 1)], axis=1)
+        return jnp.block([[belt, beside], [sign * beside.T, jnp.diag(rigid)]])
+
+    lift, lift2 = lift_products(m, of)
+    still = jnp.zeros(len(kept))
+    inertia = m.J_t + jnp.sum(weight * lift2)
+    mass = whole(weight[:, None, None] * of.value, weight[:, None] * lift, inertia, m.J[kept])
+    dragged = 2 * (drag * m.a)[:, None] * of.mean
+    gyroscopic = whole(2 * drag[:, None, None] * of.skew, dragged, 0.0, still, sign=-1.0)
+    own = m.Q[:, None, None] * jnp.eye(basis.size)
+    own = own + ((m.eps / m.lam) ** 2)[:, None, None] * of.curvature
+    spring = m.k_s + jnp.sum(m.ka * m.Q * m.a**2)
+    stiffness = whole(m.ka[:, None, None] * own, jnp.zeros_like(lift), spring, still)
+    return Matrices(mass, gyroscopic, stiffness + d.T @ ((m.ka * m.gam)[:, None] * d))
+
+
+def forms_of_spans(
+    model: VibrationModel,
+    basis: AbstractBasis,
+    d: Float[Array, "spans size"],
+    kept: Int[Array, " kept"],
+    left: Complex[Array, "count size"],
+    right: Complex[Array, "count size"],
+) -> Forms:
+    """Forms of M, G and K as `assembled`, span by span: no matrix is made, in reverse neither.
+
+    What slopes of frequencies need: they depend on a few numbers of each span.
     """
     m, of = model, basis.products()
     spans, n = len(m.lam), basis.size
-    each = jnp.arange(spans)
-    weight = m.lam**2 * m.ka
-    drag = m.tau * m.s * m.lam * m.ka
-    size = spans * n + spans + 1
-    arm = size - 1
 
-    def blocks(local: Float[Array, "spans n n"]) -> Array:
-        whole = jnp.zeros((spans, n, spans, n)).at[each, :, each, :].set(local)
-        whole = whole.reshape(spans * n, spans * n)
-        return jnp.zeros((size, size)).at[: spans * n, : spans * n].set(whole)
+    def parts(z):
+        field, turning = z[:, : spans * n].reshape(-1, spans, n), z[:, spans * n :]
+        return field, turning[:, : len(kept)], jnp.sum(turning[:, len(kept) :], axis=1)
 
-    def lifted(column: Float[Array, "spans n"], sign: float) -> Array:
-        column = column.reshape(-1)
-        whole = jnp.zeros((size, size)).at[: spans * n, arm].set(column)
-        return whole.at[arm, : spans * n].set(sign * column)
+    (y, y_turn, y_arm), (v, v_turn, v_arm) = parts(jnp.conj(left)), parts(right)
+    of_arm = y_arm * v_arm
+
+    def within(products) -> Complex[Array, "count spans"]:
+        """Of two fields in the same span."""
+        return jnp.sum(y * (v @ products.T), axis=-1)
 
     lift, lift2 = lift_products(m, of)
-    mass = blocks(weight[:, None, None] * of.value) + lifted(weight[:, None] * lift, 1.0)
-    gyroscopic = blocks(2 * drag[:, None, None] * of.skew)
-    gyroscopic = gyroscopic + lifted(2 * (drag * m.a)[:, None] * of.mean, -1.0)
-    bend = (m.eps / m.lam) ** 2
-    own = m.Q[:, None, None] * jnp.eye(n) + bend[:, None, None] * of.curvature
-    stiffness = blocks(m.ka[:, None, None] * own) + d.T @ ((m.ka * m.gam)[:, None] * d)
-
-    turning = jnp.concatenate([jnp.zeros(spans * n), m.J, (m.J_t + jnp.sum(weight * lift2))[None]])
-    spring = m.k_s + jnp.sum(m.ka * m.Q * m.a**2)
-    return Matrices(mass + jnp.diag(turning), gyroscopic, stiffness.at[arm, arm].add(spring))
+    weight, drag = m.lam**2 * m.ka, 2 * m.tau * m.s * m.lam * m.ka
+    lifted = (
+        jnp.sum(lift * y, axis=-1) * v_arm[:, None] + jnp.sum(lift * v, axis=-1) * y_arm[:, None]
+    )
+    mass = (within(of.value) + lifted + lift2 * of_arm[:, None]) @ weight
+    mass = mass + (y_turn * v_turn) @ m.J[kept] + m.J_t * of_arm
+    dragged = (y @ of.mean) * v_arm[:, None] - (v @ of.mean) * y_arm[:, None]
+    bent = (m.eps / m.lam) ** 2 * within(of.curvature)
+    held = m.Q * (jnp.sum(y * v, axis=-1) + m.a**2 * of_arm[:, None])
+    stretched = m.gam * (jnp.conj(left) @ d.T) * (right @ d.T)
+    return Forms(
+        mass=mass,
+        damping=(within(of.skew) + m.a * dragged) @ drag,
+        stiffness=(held + bent + stretched) @ m.ka + m.k_s * of_arm,
+    )
 
 
 def lift_products(model: VibrationModel, of: Products) -> tuple[Float[Array, "spans n"], Spans]:
@@ -143,16 +191,19 @@ def lift_products(model: VibrationModel, of: Products) -> tuple[Float[Array, "sp
     return with_functions, m.w_start**2 + m.w_start * m.a + m.a**2 / 3
 
 
-def elongations(model: VibrationModel, basis: AbstractBasis) -> Float[Array, "spans size"]:
-    """Gradient d_i of each span's elongation with respect to all coordinates."""
+def elongations(
+    model: VibrationModel, basis: AbstractBasis, kept: Int[Array, " kept"], arm: bool
+) -> Float[Array, "spans size"]:
+    """Gradient d_i of each span's elongation, in the coordinates of `assembled`."""
     m = model
     spans, n = len(m.lam), basis.size
-    each = jnp.arange(spans)
     starts, ends = jax.vmap(basis.layer_moments)(m.u, m.z)
     wavy = -(m.kap_s[:, None] * starts + m.kap_e[:, None] * ends)  # - int w*'' y
-    fields = jnp.zeros((spans, spans, n)).at[each, each].set(wavy).reshape(spans, spans * n)
-    arm = m.pull + m.a * m.drop
-    return jnp.concatenate([fields, turning_strains(m), arm[:, None]], axis=1)
+    fields = (jnp.eye(spans)[:, :, None] * wavy).reshape(spans, spans * n)
+    parts = [fields, turning_strains(m)[:, kept]]
+    if arm:
+        parts.append((m.pull + m.a * m.drop)[:, None])
+    return jnp.concatenate(parts, axis=1)
 
 
 def turning_strains(model: VibrationModel) -> Float[Array, "spans pulleys"]:

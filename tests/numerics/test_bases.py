@@ -60,6 +60,26 @@ def test_moments_of_the_end_layer(basis, k):
     np.testing.assert_allclose(starts, mirrored, atol=1e-13 * np.abs(exact).max())
 
 
+@pytest.mark.parametrize("k", [0.3, 1.7, 8.0, 900.0])
+def test_slopes_of_the_moments(k):
+    basis, thick = bj.Legendre(12), k**2 < 3.0
+    layer = k**2 if thick else 1 / k
+
+    def moments(layer):
+        given = (jnp.ones(()), layer) if thick else (layer, jnp.asarray(jnp.inf))
+        return jnp.concatenate(basis.layer_moments(*given))
+
+    forward, reverse = jax.jacfwd(moments)(layer), jax.jacrev(moments)(layer)
+    np.testing.assert_allclose(forward, reverse, rtol=1e-13)
+    h = 1e-4 * layer
+    near, far = (
+        moments(layer + h) - moments(layer - h),
+        moments(layer + 2 * h) - moments(layer - 2 * h),
+    )
+    differences = (8 * near - far) / (12 * h)
+    np.testing.assert_allclose(forward, differences, rtol=0, atol=1e-9 * np.abs(differences).max())
+
+
 def test_a_string_has_no_layer():
     for basis in BASES:
         starts, ends = basis.layer_moments(jnp.zeros(()), jnp.asarray(jnp.inf))

@@ -8,7 +8,7 @@ from drives import at_groups, vibrating
 from vibration import matrices
 
 import beltjax as bj
-from beltjax.physics.vibration import Motion, energy
+from beltjax.physics.vibration import Motion, energy, forms_of_spans
 
 X, W = np.polynomial.legendre.leggauss(40)
 X, W = (X + 1) / 2, W / 2
@@ -66,6 +66,21 @@ def test_matrices_are_the_energys_second_derivatives(name, basis):
     np.testing.assert_array_equal(M, M.T)
     np.testing.assert_allclose(K, K.T, rtol=0, atol=1e-15 * np.abs(K).max())
     np.testing.assert_allclose(G, -G.T, rtol=0, atol=1e-14 * np.abs(G).max())
+
+
+@pytest.mark.parametrize("free", [False, True])
+@pytest.mark.parametrize("name", ["three_pulley", "four_pulley"])
+def test_forms_of_spans_are_those_of_the_matrices(name, free):
+    drive, point = at_groups(vibrating(name), 0.03, 0.5)
+    lin = bj.linearize(bj.steady_state(drive, point), bj.Legendre(6), free=free)
+    random = np.random.default_rng(3)
+    shape = (2, 5, len(lin.mass))
+    left, right = random.normal(size=shape) + 1j * random.normal(size=shape)
+    found = forms_of_spans(lin.model, lin.basis, lin.elongations, lin.pulleys, left, right)
+    whole = np.array([lin.mass, lin.gyroscopic, lin.stiffness])
+    expected = np.einsum("ka,mab,kb->mk", left.conj(), whole, right)
+    for form, value in zip(found, expected, strict=True):
+        np.testing.assert_allclose(form, value, atol=1e-13 * np.abs(value).max())
 
 
 @pytest.mark.parametrize("name", ["three_pulley", "seven_pulley"])
