@@ -67,11 +67,12 @@ def carlson(x: Real, y: Real, z: Real, p: Real | None = None) -> Carlson:
     last = jax.lax.fori_loop(0, _DUPLICATIONS, duplicate, start)
     x, y, z = last.x, last.y, last.z
     weight = 0.25**_DUPLICATIONS
-    return Carlson(
-        _first_kind_series(x, y, z),
-        weight * _third_kind_series(x, y, z, z) + 3 * last.rd,
-        weight * _third_kind_series(x, y, z, last.p) + 6 * last.rj if third else nothing,
-    )
+    if not third:
+        rest = _third_kind_series(x, y, z, z)
+        return Carlson(_first_kind_series(x, y, z), weight * rest + 3 * last.rd, nothing)
+    second_and_third = _third_kind_series(x, y, z, jnp.stack([z, last.p]))
+    rd, rj = weight * second_and_third + jnp.stack([3 * last.rd, 6 * last.rj])
+    return Carlson(_first_kind_series(x, y, z), rd, rj)
 
 
 def _first_kind_series(x: Real, y: Real, z: Real) -> Real:

@@ -2,7 +2,8 @@
 
 A search (`increasing_root`, `system_root`) looks for a root and is never differentiated: hand it
 arguments without derivatives. `implicit_root` gives a root found in any way its derivative,
-forward and reverse and to any order, by one linear solve with the converged equations. Between
+forward and reverse and to any order, by one linear solve with the converged equations, and
+`implicit_solution` what follows from the root, too. Between
 the two a caller can replace what failed by something harmless, so that no lane of a batch
 disturbs its neighbors.
 
@@ -11,8 +12,9 @@ XLA's thread pool on few cores.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -21,6 +23,7 @@ from beltjax.numerics.bvp_blocks import inverse
 
 Scalar = Float[Array, ""]
 Vector = Float[Array, " n"]
+Rest = TypeVar("Rest")
 
 
 class Search(NamedTuple):
@@ -186,6 +189,42 @@ def implicit_root(residual: Callable[[Array, Any], Array], args: Any, root: Arra
     return jax.lax.custom_root(
         lambda x: residual(x, args), jax.lax.stop_gradient(root), keep, _solve_linear
     )
+
+
+def implicit_solution(
+    function: Callable[[Vector, Any], tuple[Vector, Rest]], args: Any, root: Vector
+) -> tuple[Vector, Rest]:
+    """`root` and `rest` of `function(root, args)` = (residual, rest), as functions of `args`.
+
+    The same as `implicit_root` and a second call of the function at the root, but one
+    linearization serves both: for a long function, of which less is compiled.
+    """
+    return _solution(args, jax.lax.stop_gradient(root), function=function)
+
+
+@eqx.filter_custom_jvp
+def _solution(args, root, *, function):
+    return root, function(root, args)[1]
+
+
+@_solution.def_jvp
+def _solution_jvp(primals, tangents, *, function):
+    args, root = primals
+    numbers, others = eqx.partition(args, eqx.is_inexact_array)
+    still = jax.tree.map(jnp.zeros_like, numbers)
+    moved = eqx.combine(tangents[0], still)
+
+    def at(root, numbers):
+        residual, rest = function(root, eqx.combine(numbers, others))
+        rest, other_rest = eqx.partition(rest, eqx.is_inexact_array)
+        return (residual, rest), other_rest
+
+    (_, rest), push, other_rest = jax.linearize(at, root, numbers, has_aux=True)
+    columns, by_root = jax.vmap(lambda row: push(row, still), out_axes=-1)(jnp.eye(len(root)))
+    forced, change = push(jnp.zeros_like(root), moved)
+    shift = -solve_dense(columns, forced)
+    change = jax.tree.map(lambda x, slopes: x + slopes @ shift, change, by_root)
+    return (root, eqx.combine(rest, other_rest)), (shift, change)
 
 
 def _solve_linear(linear: Callable[[Array], Array], right: Array) -> Array:

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from beltjax.numerics.roots import followed_root, implicit_root
+from beltjax.numerics.roots import followed_root, implicit_solution
 from beltjax.physics.contact import ContactModel, Loop, Motion, Unknown, joined, long_spans
 
 Scalar = Float[Array, ""]
@@ -60,13 +60,13 @@ def solve(model: ContactModel, task: Task, start: Unknown, origin: Unknown) -> S
     args = model, task
     fixed, guess, first = jax.lax.stop_gradient((args, _packed(start), _packed(origin)))
     found, load = followed_root(
-        lambda x, load: _equations(x, _under(load, *fixed)), guess, first, _packed(_largest(start))
+        lambda x, load: _met(x, _under(load, *fixed))[0], guess, first, _packed(_largest(start))
     )
     converged = found.converged
     # Where no root was found the last one on the way keeps all numbers finite, and shows what
     # stopped it.
-    unknown = _unpacked(implicit_root(_equations, args, found.root))
-    loop = joined(unknown, model)
+    root, loop = implicit_solution(_met, args, found.root)
+    unknown = _unpacked(root)
     resting = task.resting > 0
     found_here = Held(_length(loop), loop.moment / model.k_r - unknown.turn)
     held = jax.tree.map(lambda a, b: jnp.where(resting, a, b), found_here, task.held)
@@ -110,11 +110,14 @@ def _unpacked(x: Array) -> Unknown:
     return Unknown(x[3 : 3 + n], x[0], x[1], x[2], x[3 + n :].reshape(n, 2))
 
 
-def _equations(x: Array, args: tuple[ContactModel, Task]) -> Array:
+def _met(x: Array, args: tuple[ContactModel, Task]) -> tuple[Array, Loop]:
+    """What is left of the equations at x, and the belt there."""
+    loop = joined(_unpacked(x), args[0])
+    return _equations(_unpacked(x), loop, *args), loop
+
+
+def _equations(unknown: Unknown, loop: Loop, model: ContactModel, task: Task) -> Array:
     """Tension or belt length, the arm, the torques, contacts and spans; of order one."""
-    model, task = args
-    unknown = _unpacked(x)
-    loop = joined(unknown, model)
     size = jnp.mean(loop.C)
     length = (_length(loop) / task.held.L0 - 1) * model.EA / size
     # At rest T = P; whichever the law, nothing else is bent there.

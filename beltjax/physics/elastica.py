@@ -21,7 +21,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from beltjax.numerics.elliptic import carlson, jacobi_dn_sd
-from beltjax.numerics.roots import implicit_root, system_root
+from beltjax.numerics.roots import implicit_solution, system_root
+from beltjax.numerics.slopes import with_own_slopes
 
 Scalar = Float[Array, ""]
 Pair = Float[Array, "2"]
@@ -81,25 +82,40 @@ def span_at(unknown: Pair, span: SpanData) -> tuple[Span, Pair]:
     z is how much farther from the separatrix it is than a long span would be, phi the force's
     direction. A long span needs neither: its equations only say what they are.
     """
-    limit, long, safe = _told_apart(span)
-    shape, unmet = _shape(jnp.where(long, jnp.zeros(2), unknown), safe)
-    bent = limit._replace(**shape._asdict(), long=jnp.array(False))
-    found = jax.tree.map(lambda a, b: jnp.where(long, a, b), limit, bent)
-    return found, jnp.where(long, unknown - jnp.stack([0.0, limit.phi]), unmet)
+    *shape, long, first, second = _span_numbers(*unknown, *span)
+    found = Span(*shape, long=long > 0, converged=jnp.array(True), residual=jnp.zeros_like(span.C))
+    return found, jnp.stack([first, second])
+
+
+@with_own_slopes
+def _span_numbers(z: Scalar, phi: Scalar, *data: Scalar) -> Float[Array, "11"]:
+    """What `span_at` tells."""
+    span, unknown = SpanData(*data), jnp.stack([z, phi])
+    limit, long, safe, safe_limit = _told_apart(span)
+    bent, unmet = _shape(jnp.where(long, jnp.zeros(2), unknown), safe, safe_limit)
+    shape = [jnp.where(long, getattr(limit, key), x) for key, x in bent._asdict().items()]
+    unmet = jnp.where(long, unknown - jnp.stack([0.0, limit.phi]), unmet)
+    return jnp.stack([*shape, long.astype(float), *unmet])
 
 
 def span_start(span: SpanData) -> Pair:
     """(z, phi) from which to search: nearly right for spans of a few lengths ell or more."""
-    limit, long, safe = _told_apart(span)
-    return jnp.where(long, jnp.stack([0.0, limit.phi]), _start(safe))
+    limit, long, safe, safe_limit = _told_apart(span)
+    return jnp.where(long, jnp.stack([0.0, limit.phi]), _start(safe, safe_limit))
 
 
-def _told_apart(span: SpanData) -> tuple[Span, Bool[Array, ""], SpanData]:
-    """The span as a long one, whether it is, and data for the other formulas whichever it is."""
-    limit = separatrix(span)
+def _told_apart(span: SpanData) -> tuple[Span, Bool[Array, ""], SpanData, Span]:
+    """The span as a long one, whether it is, and data for the other formulas whichever it is.
+
+    The last is the limit for those data.
+    """
+    limit, plain = separatrix(span), _harmless(span)
     long = jax.lax.stop_gradient(LONG * _layer(span) < limit.L)
     # The formulas not taken must not spoil the others' derivatives.
-    return limit, long, jax.tree.map(lambda a, b: jnp.where(long, a, b), _harmless(span), span)
+    safe, safe_limit = jax.tree.map(
+        lambda a, b: jnp.where(long, a, b), (plain, separatrix(plain)), (span, limit)
+    )
+    return limit, long, safe, safe_limit
 
 
 def elastica(span: SpanData) -> Span:
@@ -108,8 +124,8 @@ def elastica(span: SpanData) -> Span:
     Needs P > 0 at both ends, that is C > EI kappa^2/2, and pulleys that do not overlap. Kong
     (2003), eqs. (5.9), (5.16)-(5.21) with contact as a vector condition; MODEL.md, section 4.
     """
-    limit, long, safe = _told_apart(span)
-    return jax.tree.map(lambda a, b: jnp.where(long, a, b), limit, _bent(safe))
+    limit, long, *safe = _told_apart(span)
+    return jax.tree.map(lambda a, b: jnp.where(long, a, b), limit, _bent(*safe))
 
 
 def _harmless(span: SpanData) -> SpanData:
@@ -221,9 +237,9 @@ def to_ends(ends: Ends, span: SpanData, third: bool = True) -> Arcs:
     return arcs(ends, kap, jnp.stack([ends.u_i, ends.u_j]), span, third)
 
 
-def _residuals(unknown: Pair, span: SpanData) -> Pair:
+def _residuals(unknown: Pair, span: SpanData, limit: Span) -> Pair:
     """The force's direction and the closure of the span along it, for (z, phi)."""
-    ends = ends_of(unknown[0] + _separation(span), span)
+    ends = ends_of(unknown[0] + _separation(span, limit), span)
     return _unmet(unknown[1], ends, to_ends(ends, span, third=False), span)
 
 
@@ -239,9 +255,8 @@ def _unmet(phi: Scalar, ends: Ends, parts: Arcs, span: SpanData) -> Pair:
     )
 
 
-def _separation(span: SpanData) -> Scalar:
-    """The distance zeta from the separatrix that a long span has."""
-    limit = separatrix(span)
+def _separation(span: SpanData, limit: Span) -> Scalar:
+    """The distance zeta from the separatrix that a long span has, whose `separatrix` is `limit`."""
     ell = _layer(span)
     kap = jnp.minimum(jnp.abs(span.kap_i), jnp.abs(span.kap_j))
     u_star = jnp.arcsin(ell * kap / 2)
@@ -249,17 +264,17 @@ def _separation(span: SpanData) -> Scalar:
     return limit.L / ell - jnp.log(small)
 
 
-def _start(span: SpanData) -> Pair:
+def _start(span: SpanData, limit: Span) -> Pair:
     """(z, phi) of a long span; not closer to one of no length than half of what there is."""
-    return jnp.stack([jnp.maximum(0.0, 0.5 - _separation(span)), separatrix(span).phi])
+    return jnp.stack([jnp.maximum(0.0, 0.5 - _separation(span, limit)), limit.phi])
 
 
-def _bent(span: SpanData) -> Span:
-    fixed = jax.lax.stop_gradient(span)
+def _bent(span: SpanData, limit: Span) -> Span:
+    fixed = jax.lax.stop_gradient((span, limit))
     found = system_root(
-        lambda x: _residuals(x, fixed), _start(fixed), jnp.array([1.5, 0.5]), tol=1e-9
+        lambda x: _residuals(x, *fixed), _start(*fixed), jnp.array([1.5, 0.5]), tol=1e-9
     )
-    shape, _ = _shape(implicit_root(_residuals, span, found.root), span)
+    _, shape = implicit_solution(lambda x, of: _shape(x, *of)[::-1], (span, limit), found.root)
     return Span(
         **shape._asdict(),
         long=jnp.array(False),
@@ -281,10 +296,10 @@ class _Shape(NamedTuple):
     P_mid: Scalar
 
 
-def _shape(unknown: Pair, span: SpanData) -> tuple[_Shape, Pair]:
+def _shape(unknown: Pair, span: SpanData, limit: Span) -> tuple[_Shape, Pair]:
     """The span of any (z, phi), and what it leaves of its equations."""
     z, phi = unknown
-    ends = ends_of(z + _separation(span), span)
+    ends = ends_of(z + _separation(span, limit), span)
     parts = to_ends(ends, span)
     middle = curvature(ends, (parts.I0[1] - parts.I0[0]) / 2, span)
     shape = _Shape(

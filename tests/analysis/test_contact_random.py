@@ -55,7 +55,7 @@ def residual(model, held, unknown):
     """Of the equations, at the root that was returned."""
     task = contact_search.Task(jnp.zeros(()), jnp.zeros(()), jnp.ones(()), held)
     packed = contact_search._packed(unknown)
-    return jnp.max(jnp.abs(contact_search._equations(packed, (model, task))))
+    return jnp.max(jnp.abs(contact_search._met(packed, (model, task))[0]))
 
 
 def shapes(unknown, model):
