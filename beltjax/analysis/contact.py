@@ -13,6 +13,7 @@ from beltjax.drive.components import BeltGiven, Drive, OperatingPoint, TensionGi
 from beltjax.drive.groups import ContactGroups, Scales, TravelOrder, contact_groups
 from beltjax.drive.layout import layout
 from beltjax.drive.usable import harmless, usable
+from beltjax.numerics.lanes import in_lanes_of
 from beltjax.physics import contact as physics
 from beltjax.physics import contact_search as search
 from beltjax.results import (
@@ -266,7 +267,8 @@ def _solutions(drive: Drive, model: physics.ContactModel, held: search.Held, tur
         solved = search.solve(model, task._replace(held=held), start, origin)
         return (solved.held, solved.unknown), solved
 
-    _, both = jax.lax.scan(stage, (held, resting[1]), stages)
+    first = in_lanes_of(model.EI, (held, resting[1]))
+    _, both = jax.lax.scan(stage, first, stages)
     rest, run = (jax.tree.map(lambda x, k=k: x[k], both) for k in (0, 1))
     return rest.converged, run
 

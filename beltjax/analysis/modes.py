@@ -106,6 +106,8 @@ def modes(
     Hermitian; elsewhere a general eigenproblem is solved. `route` "auto" decides by the numbers,
     which in a batch costs both; "hermitian" never solves the general one.
 
+    Second derivatives are there for `exact` frequencies alone; all others are NaN.
+
     Never raises for numbers: `.result` is `drive_diverges` or `drive_flutters` for an unstable
     drive, whose values are right under "auto" and "general" and placeholders under
     "hermitian"; a failed steady state's result travels; `frequencies_not_isolated` where

@@ -12,6 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from beltjax.numerics.lanes import in_lanes_of
+
 Blocks = Float[Array, "rows columns *lanes"]
 
 
@@ -81,7 +83,7 @@ def _exchanged(a: Blocks) -> Blocks:
         pivots = jax.lax.dynamic_update_index_in_dim(pivots, best, k, axis=0)
         return a, pivots, jnp.where(here, k, order)
 
-    none = jnp.full((m, *a.shape[2:]), m)
+    none = in_lanes_of(a, jnp.full((m, *a.shape[2:]), m))
     a, pivots, order = jax.lax.fori_loop(0, m, exchange, (a, none, none))
     # Row r_k now holds unknown k in terms of right-hand sides, column j that of equation r_j.
     a = jnp.take_along_axis(a, pivots[:, None], axis=0)

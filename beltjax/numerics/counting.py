@@ -157,6 +157,8 @@ def _held_root(args, root, repeated, *, value):
 @_held_root.def_jvp
 def _held_root_jvp(primals, tangents, *, value):
     args, root, repeated = primals
+    # As it follows from the arguments, for those who differentiate this rule in turn.
+    root = _held_root(args, root, repeated, value=value)
     sides = jnp.array([1.0, -1.0])
 
     def residual(arguments):

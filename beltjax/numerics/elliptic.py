@@ -14,6 +14,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from beltjax.numerics.lanes import in_lanes_of
+
 _DUPLICATIONS = 11  # five bring 1 and 1e-16 to one order, six more the series to rounding
 _MEANS = 8  # arithmetic-geometric, from a complementary parameter of 1e-16
 
@@ -62,7 +64,7 @@ def carlson(x: Real, y: Real, z: Real, p: Real | None = None) -> Carlson:
             p = (p + lam) / 4
         return _Duplicated((x + lam) / 4, (y + lam) / 4, (z + lam) / 4, p, rd, rj)
 
-    nothing = jnp.zeros_like(x)
+    nothing = in_lanes_of(x, jnp.zeros_like(x))
     start = _Duplicated(x, y, z, p, nothing, nothing)
     last = jax.lax.fori_loop(0, _DUPLICATIONS, duplicate, start)
     x, y, z = last.x, last.y, last.z

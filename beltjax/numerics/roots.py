@@ -20,6 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from beltjax.numerics.bvp_blocks import inverse
+from beltjax.numerics.lanes import in_lanes_of
 
 Scalar = Float[Array, ""]
 Vector = Float[Array, " n"]
@@ -131,6 +132,7 @@ def system_root(
 
     nothing, unit = jnp.zeros_like(guess), jnp.eye(len(guess))
     start = (guess, nothing, unit, jnp.array(jnp.inf), nothing, jnp.array(False), jnp.array(0))
+    start = in_lanes_of(guess, start)
     x, step, _, _, value, done, steps = jax.lax.while_loop(unfinished, body, start)
     return Search(jnp.where(done, x + step, x), value, done, steps)
 
@@ -173,6 +175,7 @@ def followed_root(
 
     nothing = Search(guess, jnp.zeros_like(guess), jnp.array(False), jnp.array(0))
     start = (nothing, jnp.zeros(()), jnp.ones(()), jnp.array(0), jnp.any(origin != guess))
+    start = in_lanes_of(guess, start)
     last, load, _, steps, _ = jax.lax.while_loop(unfinished, body, start)
     return last._replace(converged=last.converged & (load >= 1), steps=steps), load
 
@@ -209,10 +212,12 @@ def _solution(args, root, *, function):
 
 @_solution.def_jvp
 def _solution_jvp(primals, tangents, *, function):
-    args, root = primals
-    numbers, others = eqx.partition(args, eqx.is_inexact_array)
-    still = jax.tree.map(jnp.zeros_like, numbers)
-    moved = eqx.combine(tangents[0], still)
+    (args, root), (moved, _) = primals, tangents
+    # As it follows from the arguments, for those who differentiate this rule in turn.
+    root, _ = _solution(args, root, function=function)
+    moves = jax.tree.map(lambda x: x is not None, moved, is_leaf=lambda x: x is None)
+    numbers, others = eqx.partition(args, moves)
+    still = jax.tree.map(jnp.zeros_like, moved)
 
     def at(root, numbers):
         residual, rest = function(root, eqx.combine(numbers, others))

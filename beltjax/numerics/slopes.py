@@ -1,6 +1,5 @@
 """Derivatives of a function of few numbers, taken once however many are asked for."""
 
-import functools
 from collections.abc import Callable
 
 import jax
@@ -29,12 +28,12 @@ def with_own_slopes(function: Callable[..., Float[Array, " m"]]) -> Callable[...
                 arguments[k] = value
             return function(*arguments)
 
-        here = tuple(primals[k] for k in moving)
-        push = functools.partial(jax.jvp, along, here)
-        value, slopes = jax.vmap(lambda row: push(tuple(row)), out_axes=(None, 0))(
-            jnp.eye(len(moving))
-        )
-        return value, sum(slopes[j] * tangents[k] for j, k in enumerate(moving))
+        def push(row):
+            return jax.jvp(along, tuple(primals[k] for k in moving), tuple(row))
+
+        value, slopes = jax.vmap(push, out_axes=(None, 0))(jnp.eye(len(moving)))
+        steps = jnp.stack([tangents[k] for k in moving])
+        return value, jnp.sum(slopes * steps[:, None], axis=0)
 
     held.defjvp(rule, symbolic_zeros=True)
     return held

@@ -112,9 +112,8 @@ def _told_apart(span: SpanData) -> tuple[Span, Bool[Array, ""], SpanData, Span]:
     limit, plain = separatrix(span), _harmless(span)
     long = jax.lax.stop_gradient(LONG * _layer(span) < limit.L)
     # The formulas not taken must not spoil the others' derivatives.
-    safe, safe_limit = jax.tree.map(
-        lambda a, b: jnp.where(long, a, b), (plain, separatrix(plain)), (span, limit)
-    )
+    safe = jax.tree.map(lambda a, b: jnp.where(long, a, b), plain, span)
+    safe_limit = jax.tree.map(lambda a, b: jnp.where(long, a, b), separatrix(plain), limit)
     return limit, long, safe, safe_limit
 
 
@@ -124,8 +123,8 @@ def elastica(span: SpanData) -> Span:
     Needs P > 0 at both ends, that is C > EI kappa^2/2, and pulleys that do not overlap. Kong
     (2003), eqs. (5.9), (5.16)-(5.21) with contact as a vector condition; MODEL.md, section 4.
     """
-    limit, long, *safe = _told_apart(span)
-    return jax.tree.map(lambda a, b: jnp.where(long, a, b), limit, _bent(*safe))
+    limit, long, safe, safe_limit = _told_apart(span)
+    return jax.tree.map(lambda a, b: jnp.where(long, a, b), limit, _bent(safe, safe_limit))
 
 
 def _harmless(span: SpanData) -> SpanData:
@@ -274,7 +273,12 @@ def _bent(span: SpanData, limit: Span) -> Span:
     found = system_root(
         lambda x: _residuals(x, *fixed), _start(*fixed), jnp.array([1.5, 0.5]), tol=1e-9
     )
-    _, shape = implicit_solution(lambda x, of: _shape(x, *of)[::-1], (span, limit), found.root)
+
+    def met(unknown, of):
+        shape, unmet = _shape(unknown, *of)
+        return unmet, shape
+
+    _, shape = implicit_solution(met, (span, limit), found.root)
     return Span(
         **shape._asdict(),
         long=jnp.array(False),

@@ -40,8 +40,9 @@ def test_forward_reverse_and_differences_agree(name):
         forward, reverse, differences, size = three_ways(at, values, 5e-5)
         assert np.all(np.isfinite(forward))
         size = np.maximum(size, 1e-9)  # a factor that is given moves with nothing
-        # Beside rounding of the whole system: an adhesion that stays zero has no size of its own.
-        rounding = 1e-14 * np.max(np.abs(forward), axis=0)
+        # Beside rounding of the whole system: neither an adhesion that stays zero nor a number
+        # that moves nothing (y of two pulleys on the x axis) has a size of its own.
+        rounding = 1e-14 * np.max(size, axis=0)
         scale = np.maximum(np.abs(forward), 1e-6 * size)
         assert np.all(np.abs(forward - reverse) <= 1e-8 * scale + rounding)
         scale = np.maximum(np.abs(forward), 1e-3 * size)

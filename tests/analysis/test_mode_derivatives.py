@@ -130,6 +130,26 @@ def test_shapes_of_simple_modes():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("route", ROUTES)
+def test_second_derivatives_are_right_or_nan(route):
+    drive, point = at_groups(vibrating("three_pulley"), 0.04, 0.5)
+    basis, exact = ROUTES[route]
+
+    def at(radius):
+        changed = eqx.tree_at(lambda d: d.pulleys[2].radius, drive, radius)
+        return frequencies(changed, point, basis, exact)
+
+    radius, h = drive.pulleys[2].radius, 1e-5
+    bent = jax.jit(jax.jacfwd(jax.jacrev(at)))(radius)
+    if not exact:
+        assert np.all(np.isnan(bent))
+        return
+    slope = jax.jit(jax.jacfwd(at))
+    differences = (slope(radius + h) - slope(radius - h)) / (2 * h)
+    np.testing.assert_allclose(bent, differences, rtol=0, atol=1e-5 * np.abs(bent).max())
+
+
+@pytest.mark.slow
 def test_damped_modes():
     drive, point = at_groups(vibrating("three_pulley"), 0.04, 0.5)
     damping = bj.Damping(modal=0.02, stiffness=1e-5)

@@ -8,6 +8,7 @@ import pytest
 from beltjax.numerics.roots import (
     followed_root,
     implicit_root,
+    implicit_solution,
     increasing_root,
     solve_dense,
     system_root,
@@ -92,3 +93,23 @@ def test_a_root_is_differentiated_at_its_equations():
     assert slope == pytest.approx([0.25, 1.0])
     assert jax.jacrev(root)(4.0) == pytest.approx(slope)
     assert jax.jacfwd(jax.jacrev(root))(4.0) == pytest.approx([-1 / 32, 0.0])
+
+
+def test_what_follows_from_a_root_is_differentiated_with_it():
+    # x = sqrt(a), and with it a x = a^1.5 and its count of lanes, which is no number to move.
+    def function(x, a):
+        return x**2 - a["square"], {"cube": a["square"] * x, "count": jnp.array(len(x))}
+
+    def cube(square):
+        root = jax.lax.stop_gradient(jnp.sqrt(square))[None]
+        x, rest = implicit_solution(function, {"square": square}, root)
+        assert rest["count"].dtype == int
+        return rest["cube"][0], x[0]
+
+    for a in (0.3, 2.0):
+        for slope in (jax.jacfwd, jax.jacrev):
+            by_cube, by_root = slope(cube)(a)
+            assert by_cube == pytest.approx(1.5 * a**0.5, rel=1e-14)
+            assert by_root == pytest.approx(0.5 * a**-0.5, rel=1e-14)
+        bent, _ = jax.jit(jax.hessian(cube))(a)
+        assert bent == pytest.approx(0.75 * a**-0.5, rel=1e-14)
