@@ -265,7 +265,7 @@ def _solutions(drive: Drive, model: physics.ContactModel, held: search.Held, tur
         # Torques that are scaled to the largest have no belt without torques to come from.
         origin = jax.tree.map(lambda a, b: jnp.where(task.maximum > 0, a, b), start, origin)
         solved = search.solve(model, task._replace(held=held), start, origin)
-        return (solved.held, solved.unknown), solved
+        return (solved.held, jax.lax.stop_gradient(solved.unknown)), solved
 
     first = in_lanes_of(model.EI, (held, resting[1]))
     _, both = jax.lax.scan(stage, first, stages)

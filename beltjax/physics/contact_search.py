@@ -58,9 +58,12 @@ def solve(model: ContactModel, task: Task, start: Unknown, origin: Unknown) -> S
     One square system, differentiated at its root.
     """
     args = model, task
-    fixed, guess, first = jax.lax.stop_gradient((args, _packed(start), _packed(origin)))
+    fixed = jax.lax.stop_gradient(args)
     found, load = followed_root(
-        lambda x, load: _met(x, _under(load, *fixed))[0], guess, first, _packed(_largest(start))
+        lambda x, load: _met(x, _under(load, *fixed))[0],
+        _packed(start),
+        _packed(origin),
+        _packed(_largest(start)),
     )
     converged = found.converged
     # Where no root was found the last one on the way keeps all numbers finite, and shows what
@@ -75,7 +78,11 @@ def solve(model: ContactModel, task: Task, start: Unknown, origin: Unknown) -> S
 
 
 def likely(C: Scalar, turn: Scalar, scale: Scalar, model: ContactModel) -> Unknown:
-    """A start for `solve`: C at the tensioner, or the mean over the spans; wraps of long spans."""
+    """A start for `solve`: C at the tensioner, or the mean over the spans; wraps of long spans.
+
+    Only a place to search from: without derivatives.
+    """
+    C, turn, scale, model = jax.lax.stop_gradient((C, turn, scale, model))
     offsets = jnp.exp(scale) * jnp.cumsum(model.pull)
     taken = jnp.max(model.EI / model.rho**2 / 2)
     # The arm holds the tension that it had at rest; locked centers the mean.
