@@ -24,8 +24,8 @@ class Linearization(eqx.Module):
     Coordinates: the basis functions of span 1, of span 2, .., the rotations of the pulleys
     `pulleys` [rad, in the direction of belt travel], the arm's rotation if there is an arm.
     Energies are in P0 r_t, times in `scales.time`. The driver is held unless `free`. The matrices
-    follow from `model`, through which the derivatives of undamped frequencies are taken: a
-    change to a matrix alone has none.
+    follow from `model` and `elongations`, through which the derivatives of undamped frequencies
+    are taken: a change to a matrix alone has none.
     """
 
     mass: Float[Array, "size size"]

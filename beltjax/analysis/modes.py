@@ -24,7 +24,7 @@ from beltjax.numerics.gyroscopic import (
     repeated,
 )
 from beltjax.physics.exact_vibration import Characteristic, characteristic
-from beltjax.physics.vibration import VibrationModel, elongations, forms_of_spans, lift_products
+from beltjax.physics.vibration import VibrationModel, forms_of_spans, lift_products
 from beltjax.results import RESULTS, first_failure, frozen_where_failed, succeeded
 
 Route = Literal["auto", "hermitian", "general"]
@@ -121,7 +121,7 @@ def modes(
     found = found_modes(lin, C, count, exact, route)
     eigen = found.eigen
     if damping is None:
-        held = _forms(lin, lin.model, eigen)
+        held = _forms(lin, causes(lin), eigen)
     else:
         held = forms(lin.mass, C, lin.stiffness, eigen.left, eigen.vectors)
     values = eigenvalues(eigen.values, held)
@@ -296,22 +296,24 @@ def _span_squares(lin: Linearization, fields, arm, of: Products) -> Float[Array,
     return own + 2 * cross.real + square * (jnp.abs(arm) ** 2)[:, None]
 
 
-def _forms(lin: Linearization, model: VibrationModel, eigen: Eigen) -> Forms:
-    """Forms of the undamped matrices, as they follow from `model`."""
-    d = elongations(model, lin.basis, lin.pulleys, lin.has_arm)
-    return forms_of_spans(model, lin.basis, d, lin.pulleys, eigen.left, eigen.vectors)
-
-
 class Causes(NamedTuple):
     """What the frequencies of a linearization depend on; with a leading axis, their slopes."""
 
     model: VibrationModel
+    elongations: Float[Array, "spans size"]
     time: Float[Array, ""]  # [s]
 
 
 def causes(lin: Linearization) -> Causes:
     """What the frequencies of `lin` depend on."""
-    return Causes(lin.model, lin.scales.time)
+    return Causes(lin.model, lin.elongations, lin.scales.time)
+
+
+def _forms(lin: Linearization, at: Causes, eigen: Eigen) -> Forms:
+    """Forms of the undamped matrices, as they follow from `at`."""
+    return forms_of_spans(
+        at.model, lin.basis, at.elongations, lin.pulleys, eigen.left, eigen.vectors
+    )
 
 
 def modes_with_slopes(lin: Linearization, count: int) -> tuple[Modes, Causes]:
@@ -324,7 +326,7 @@ def modes_with_slopes(lin: Linearization, count: int) -> tuple[Modes, Causes]:
     result = _result(lin, found, "hermitian")
 
     def frequencies(at: Causes):
-        raw = eigenvalues(eigen.values, _forms(lin, at.model, eigen)).imag / at.time
+        raw = eigenvalues(eigen.values, _forms(lin, at, eigen)).imag / at.time
         return frozen_where_failed(raw, RESULTS.where(found.usable, RESULTS.successful, result))
 
     _, pull = jax.vjp(frequencies, causes(lin))

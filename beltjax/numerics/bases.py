@@ -16,6 +16,8 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.polynomial import legendre
 
+from beltjax.numerics.slopes import with_own_slopes
+
 # Order from which the continued fraction of the Bessel ratio starts. It contracts by
 # exp(-depth^2/k) on the way down, and its start is good to 1/k^2: rounding for every k.
 _DEPTH = 320
@@ -132,7 +134,7 @@ class Legendre(AbstractBasis):
 
     def layer_moments(self, u, z):
         """Of P_j: i_j(k/2)/(2 cosh(k/2)), j even, or over 2 sinh, j odd; i_j spherical Bessel."""
-        moments = _legendre_layer(u, z, self.size + 2)
+        moments = with_own_slopes(functools.partial(_legendre_layer, count=self.size + 2))(u, z)
         n = np.arange(self.size)
         ends = (moments[n] - moments[n + 2]) / (2 * np.sqrt(2 * n + 3.0))
         # P_j(1 - 2x) = (-1)^j P_j(2x - 1).
@@ -160,25 +162,8 @@ def _legendre_values(t: Array, count: int) -> Array:
     return jnp.moveaxis(values, 0, -1)
 
 
-@functools.partial(jax.custom_jvp, nondiff_argnums=(2,))
 def _legendre_layer(u: Array, z: Array, count: int) -> Array:
-    """Integrals of P_j(2x - 1) with sinh(kx)/sinh(k), j = 0 .. count-1."""
-    return _recurrence(u, z, count)
-
-
-@_legendre_layer.defjvp
-def _legendre_layer_jvp(count, primals, tangents):
-    # Through the recurrence once, forward: what is left to transpose is a sum.
-    def along(direction):
-        return jax.jvp(lambda u, z: _recurrence(u, z, count), primals, direction)
-
-    by_u = jnp.array([1.0, 0.0])
-    value, slopes = jax.vmap(along, out_axes=(None, 0))((by_u, 1 - by_u))
-    return value, slopes[0] * tangents[0] + slopes[1] * tangents[1]
-
-
-def _recurrence(u: Array, z: Array, count: int) -> Array:
-    """By the ratios of neighboring Bessel functions.
+    """Integrals of P_j(2x - 1) with sinh(kx)/sinh(k), j = 0 .. count-1.
 
     With t_j = i_{j+1}/i_j at k/2, from t_j = 1/((2j + 3) 2u + t_{j+1}), downwards: upwards it
     is unstable. For thick layers tau_j = 2 t_j/k is used, which is smooth through k = 0.

@@ -57,48 +57,18 @@ def counted_root(
     """
 
     def body(state: _State) -> _State:
-        x = state.x
-        here, below = value(x)
-        slope, earlier = _through(x, here, state)
-        over = below >= number
-        lower = jnp.where(over, state.lower, x)
-        upper = jnp.where(over, x, state.upper)
+        here, below = value(state.x)
+        slope, earlier = _through(state.x, here, state)
         newton = jnp.where(slope == 0, jnp.inf, -here / jnp.where(slope == 0, 1.0, slope))
         newton = jnp.where(here == 0, 0.0, newton)
-        close = _CLOSE * x
-        refined = jnp.clip(x + newton, lower, upper)
-        # At a root the last thing to do is to step over it, so that the bracket closes. Rounding
-        # may put the function's zero a little to the other side of x than the count does: then
-        # twice as far, the way the count points.
-        small = jnp.abs(newton) <= _NEARLY * close
-        against = over != (newton < 0)
-        reach = jnp.where(against, 2.0, 1.0) * jnp.abs(newton)
-        stepped = jnp.where(over, -1.0, 1.0) * jnp.maximum(reach, close)
-        shrinks = jnp.abs(newton) <= jnp.maximum(0.5 * state.last, close)
-        bracketed = jnp.isfinite(upper) & (lower > 0)
-        limit = state.stride * x
-        stride = jnp.where(bracketed, state.stride, 4.0 * state.stride)
-        towards = jnp.where(against, jnp.inf, stepped)
-        looking = x + jnp.where(over, -1.0, 1.0) * jnp.minimum(
-            jnp.where(jnp.abs(newton) <= limit, 1.5 * jnp.abs(newton) + close, limit), limit
+        over = below >= number
+        lower = jnp.where(over, state.lower, state.x)
+        upper = jnp.where(over, state.x, state.upper)
+        refined = jnp.clip(state.x + newton, lower, upper)
+        seen = state._replace(
+            earlier=earlier, slope=slope, refined=refined, lower=lower, upper=upper
         )
-        # An end of the bracket may be the root itself, and a step point past it; next to it is
-        # where to look then.
-        target = x + towards
-        outside = jnp.maximum(lower - target, target - upper)
-        inside = (outside < jnp.maximum(_NEARLY * close, 0.1 * (upper - lower))) & shrinks
-        target = jnp.clip(target, lower + close, upper - close)
-        trial = jnp.where(inside, target, 0.5 * (lower + upper))
-        # Towards a root that is all but reached, also when the step itself points away from it.
-        over_it = (jnp.abs(newton) <= close) | (against & small)
-        trial = jnp.where(over_it, jnp.clip(x + stepped, lower, upper), trial)
-        trial = jnp.where(bracketed, trial, looking)
-        trial = jnp.maximum(trial, 0.25 * x)
-        # After a bisection a Newton step to anywhere in the bracket is progress.
-        bisected = bracketed & ~inside & ~over_it
-        last = jnp.where(bisected, 1.01 * (upper - lower), jnp.abs(trial - x))
-        last = jnp.where(bracketed, last, jnp.inf)
-        return _State(trial, earlier, slope, refined, lower, upper, last, stride, state.steps + 1)
+        return _moved(seen, newton, over)
 
     def open_(state: _State) -> Bool[Array, ""]:
         return state.upper - state.lower > 4 * _CLOSE * state.x
@@ -114,6 +84,43 @@ def counted_root(
     root = jnp.clip(end.refined, end.lower, end.upper)
     root = jnp.where(open_(end), guess, root)
     return Counted(root, end.lower, end.upper, ~open_(end), end.steps)
+
+
+def _moved(state: _State, newton: Scalar, over: Bool[Array, ""]) -> _State:
+    """To where to look next, from an end of the bracket, the upper one if `over`."""
+    x, lower, upper = state.x, state.lower, state.upper
+    close = _CLOSE * x
+    # At a root the last thing to do is to step over it, so that the bracket closes. Rounding
+    # may put the function's zero a little to the other side of x than the count does: then
+    # twice as far, the way the count points.
+    small = jnp.abs(newton) <= _NEARLY * close
+    against = over != (newton < 0)
+    reach = jnp.where(against, 2.0, 1.0) * jnp.abs(newton)
+    stepped = jnp.where(over, -1.0, 1.0) * jnp.maximum(reach, close)
+    shrinks = jnp.abs(newton) <= jnp.maximum(0.5 * state.last, close)
+    bracketed = jnp.isfinite(upper) & (lower > 0)
+    limit = state.stride * x
+    stride = jnp.where(bracketed, state.stride, 4.0 * state.stride)
+    towards = jnp.where(against, jnp.inf, stepped)
+    looking = x + jnp.where(over, -1.0, 1.0) * jnp.minimum(
+        jnp.where(jnp.abs(newton) <= limit, 1.5 * jnp.abs(newton) + close, limit), limit
+    )
+    # An end of the bracket may be the root itself, and a step point past it; next to it is
+    # where to look then.
+    target = x + towards
+    outside = jnp.maximum(lower - target, target - upper)
+    inside = (outside < jnp.maximum(_NEARLY * close, 0.1 * (upper - lower))) & shrinks
+    target = jnp.clip(target, lower + close, upper - close)
+    trial = jnp.where(inside, target, 0.5 * (lower + upper))
+    # Towards a root that is all but reached, also when the step itself points away from it.
+    over_it = (jnp.abs(newton) <= close) | (against & small)
+    trial = jnp.where(over_it, jnp.clip(x + stepped, lower, upper), trial)
+    trial = jnp.where(bracketed, trial, looking)
+    trial = jnp.maximum(trial, 0.25 * x)
+    # After a bisection a step to anywhere in the bracket is progress, and as the first one there.
+    last = jnp.where(inside | over_it, jnp.abs(trial - x), 1.01 * (upper - lower))
+    last = jnp.where(bracketed, last, jnp.inf)
+    return state._replace(x=trial, last=last, stride=stride, steps=state.steps + 1)
 
 
 def _through(x: Scalar, here: Scalar, state: _State) -> tuple[Scalar, Float[Array, "2 2"]]:
