@@ -55,6 +55,7 @@ from beltjax.numerics.bvp_continuation import Branch as Branch
 from beltjax.numerics.bvp_continuation import continue_bvp as continue_bvp
 from beltjax.numerics.bvp_continuation import follow_branch as follow_branch
 from beltjax.results import RESULTS as RESULTS
+from beltjax.results import AnalysisError as AnalysisError
 
 
 def __getattr__(name: str) -> Any:

@@ -6,14 +6,23 @@ Each text says what happened and names the remedy; it is what `throw=True` raise
 
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool
 
+from beltjax.numerics.slopes import frozen_unless
+
 Value = TypeVar("Value")
+
+
+class AnalysisError(RuntimeError):
+    """An analysis failed: what happened, and what to try. `result` is its member of `RESULTS`."""
+
+    def __init__(self, text: str, result: Any):
+        super().__init__(text)
+        self.result = result
+
 
 if TYPE_CHECKING:
     # An Equinox enumeration is made by its metaclass; to a type checker its members are
@@ -55,6 +64,7 @@ if TYPE_CHECKING:
         singular_system: "RESULTS"
         drive_diverges: "RESULTS"
         drive_flutters: "RESULTS"
+        response_not_finite: "RESULTS"
         frequencies_not_isolated: "RESULTS"
         belt_too_stiff: "RESULTS"
         contact_pressure_lost: "RESULTS"
@@ -69,7 +79,13 @@ if TYPE_CHECKING:
 
 else:
 
-    class RESULTS(optx.RESULTS):
+    class _ReadableEnumeration(type(optx.RESULTS)):
+        """An enumeration whose success, too, prints as a word."""
+
+        def __getitem__(cls, item):
+            return super().__getitem__(item) or "successful"
+
+    class RESULTS(optx.RESULTS, metaclass=_ReadableEnumeration):
         """How a computation ended."""
 
         numbers_unusable = (
@@ -156,6 +172,10 @@ else:
             "The running drive is unstable: an oscillation grows. Lower the belt speed or raise "
             "the pretension; `growth_rates` shows which mode."
         )
+        response_not_finite = (
+            "No finite motion answers this excitation: it is at a resonance without damping, or "
+            "its frequency or amplitude is far out of the ordinary. Lower them, or add damping."
+        )
         frequencies_not_isolated = (
             "The exact frequencies could not be told apart. Use a finer basis for the first "
             "guess, or modes(..., exact=False)."
@@ -213,37 +233,41 @@ def first_failure(*checks: tuple[Bool[Array, ""], RESULTS]) -> RESULTS:
 
 
 def raise_unless_successful(value: Value, result: RESULTS, throw: bool) -> Value:
-    """`value`, which raises with the text of `result` if that is a failure and `throw` is set."""
+    """`value`; raises with the text of `result` if that is a failure and `throw` is set.
+
+    Raises `AnalysisError` outside of compiled code, where of a batch the first failure counts,
+    and Equinox's own error from inside it.
+    """
     if not throw:
         return value
-    return result.error_if(value, result != RESULTS.successful)
+    number = code(result)
+    if isinstance(number, jax.core.Tracer):
+        return result.error_if(value, result != RESULTS.successful)
+    failure = next(filter(None, explanations(result)), "")
+    if failure:
+        raise AnalysisError(failure, result)
+    return value
 
 
 def frozen_where_failed(state: Value, result: RESULTS) -> Value:
     """`state`, whose numbers carry no derivative where `result` is a failure."""
-    good = succeeded(result)
+    return frozen_unless(succeeded(result), state)
 
-    def freeze(leaf):
-        if not eqx.is_inexact_array(leaf):
-            return leaf
-        return jnp.where(good, leaf, jax.lax.stop_gradient(leaf))
 
-    return jax.tree.map(freeze, state)
+def successes(result: RESULTS) -> np.ndarray:
+    """Which of a batch of results are successes, on the host; compiles nothing."""
+    return np.asarray(code(result)) == np.asarray(code(RESULTS.successful))
 
 
 def explanation(result: RESULTS) -> str:
-    """The text of a result: what happened, and what to try."""
-    return RESULTS[result]  # pyright: ignore[reportReturnType]
+    """The text of a result: what happened, and what to try; empty where it is a success."""
+    return explanations(result)[0]
 
 
 def explanations(result: RESULTS) -> tuple[str, ...]:
-    """The text of each of a batch of results; empty where it is a success."""
-    codes = np.asarray(jax.tree.leaves(result)[0])
-    texts = {}
-    for code, place in zip(*np.unique(codes, return_index=True), strict=True):
-        one = jax.tree.map(lambda x, place=place: jnp.asarray(x[place]), result)
-        texts[code] = "" if succeeded(one) else explanation(one)
-    return tuple(texts[code] for code in codes)
+    """The text of each of a batch of results, or of a single one; empty where it is a success."""
+    texts = {number: text for number, text in outcomes().values()}
+    return tuple(texts[int(number)] for number in np.atleast_1d(np.asarray(code(result))))
 
 
 def code(result: RESULTS) -> Array:
@@ -253,8 +277,9 @@ def code(result: RESULTS) -> Array:
 
 def outcomes() -> dict[str, tuple[int, str]]:
     """Code and text of every result, by its name."""
-    members = getattr(RESULTS, "_name_to_item")  # noqa: B009 - Equinox has no public list
-    return {name: (int(code(one)), explanation(one)) for name, one in members.items()}
+    # Equinox has no public lists of an enumeration's members and texts.
+    members, texts = (getattr(RESULTS, name) for name in ("_name_to_item", "_index_to_message"))
+    return {name: (int(code(one)), texts[int(code(one))]) for name, one in members.items()}
 
 
 def succeeded(result: RESULTS) -> Bool[Array, ""]:

@@ -169,7 +169,8 @@ def _answer(question: Question, values: Float[Array, " numbers"]) -> dict[str, A
     }
     result = of.result
     if question.modes:
-        lowest = modes(linearize(of.steady, question.basis), question.modes, route="hermitian")
+        lin = linearize(of.steady, question.basis, throw=False)
+        lowest = modes(lin, question.modes, route="hermitian", throw=False)
         stable = succeeded(lowest.result)
         found[FREQUENCY] = jnp.where(stable, lowest.frequencies, jnp.nan)
         result = RESULTS.where(succeeded(result), lowest.result, result)

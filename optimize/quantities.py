@@ -52,12 +52,12 @@ class Answers:
     @functools.cached_property
     def linearization(self) -> Linearization:
         """Small vibration about the steady state."""
-        return linearize(self.steady, BASIS)
+        return linearize(self.steady, BASIS, throw=False)
 
     @functools.cached_property
     def modes(self) -> Modes:
         """The natural modes of lowest frequency."""
-        return modes(self.linearization, MODES, route="hermitian")
+        return modes(self.linearization, MODES, route="hermitian", throw=False)
 
     @functools.cached_property
     def response(self) -> Response:
@@ -72,6 +72,7 @@ class Answers:
             Excitation(crank, dict(shaken.torque)),
             self.drive.pulley_names,
             damping=Damping(modal=MODAL_DAMPING),
+            throw=False,
         )
 
     @property

@@ -80,7 +80,7 @@ def random_arrays(rng, n, count):
 
 def _screen(arrays):
     drive, _ = build(*arrays)
-    at = bj.layout(drive)
+    at = bj.layout(drive, throw=False)
     gaps = clearances(drive, at)
     parts = jnp.concatenate([gaps.rims, gaps.belt.ravel()])
     possible = (at.result == bj.RESULTS.successful) & jnp.all(parts > 0)
@@ -174,7 +174,7 @@ def four_pulleys():
 
 def at_groups(drive, eps, s):
     """The drive with the bending stiffness of that eps, torque-free, running at that s."""
-    length = jnp.mean(bj.layout(drive).span_lengths)
+    length = jnp.mean(bj.layout(drive, throw=False).span_lengths)
     tension = drive.installation.tension
     stiffness = jnp.asarray(eps**2) * tension * length**2
     drive = eqx.tree_at(lambda d: d.belt.bending_stiffness, drive, stiffness)

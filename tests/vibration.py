@@ -67,8 +67,8 @@ def solver(basis, count, exact_route=False):
 
     @eqx.filter_jit
     def solve(drive, point):
-        lin = bj.linearize(bj.steady_state(drive, point, throw=False), basis)
-        return bj.modes(lin, count, exact=exact_route, route="hermitian")
+        lin = bj.linearize(bj.steady_state(drive, point, throw=False), basis, throw=False)
+        return bj.modes(lin, count, exact=exact_route, route="hermitian", throw=False)
 
     return solve
 

@@ -4,6 +4,7 @@ import equinox as eqx
 from jaxtyping import Array, Float
 
 from beltjax.analysis.steady import AbstractSteadyMethod
+from beltjax.drive.components import as_real
 from beltjax.numerics.bvp_gauss import MOST_STAGES, gauss
 from beltjax.physics import steady as physics
 from beltjax.physics import steady_collocation as collocation
@@ -19,7 +20,7 @@ class Collocation(AbstractSteadyMethod):
 
     intervals: int = eqx.field(static=True, default=24)
     stages: int = eqx.field(static=True, default=4)
-    tol: float = eqx.field(static=True, default=1e-9)
+    tol: Float[Array, ""] = eqx.field(converter=as_real, default=1e-9)
 
     def __check_init__(self):
         if self.intervals < 4:

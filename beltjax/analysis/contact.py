@@ -9,7 +9,15 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from beltjax.analysis.reference import LARGEST_STRAIN, beyond_stops, held_by_belt, resting
-from beltjax.drive.components import BeltGiven, Drive, OperatingPoint, TensionGiven, concrete
+from beltjax.drive.canonical import canonical
+from beltjax.drive.components import (
+    BeltGiven,
+    Drive,
+    OperatingPoint,
+    TensionGiven,
+    as_real,
+    concrete,
+)
 from beltjax.drive.groups import ContactGroups, Scales, TravelOrder, contact_groups
 from beltjax.drive.layout import layout
 from beltjax.drive.usable import harmless, usable
@@ -86,11 +94,11 @@ def contact_state(
     rest without torques. `law="hyperelastic"` replaces T = EA e by EA e = T + EI kappa^2/2, under
     which power in equals power out and friction.
 
-    A state that was found but is not physical (`gross_slip`, `wrap_vanished`, `arm_at_stop`) keeps
-    its values and derivatives with `throw=False`. `belt_too_stiff`, `contact_pressure_lost`,
-    `contact_not_found`, and the results of `layout` and of the numbers themselves leave finite
-    placeholders with zero derivatives. Raises `ValueError` where a pulley with torque has no
-    friction.
+    A state that was found but is not physical (`gross_slip`, `wrap_vanished`, `arm_at_stop`, or an
+    arm turned to where `layout` fails) keeps its values and derivatives with `throw=False`.
+    `belt_too_stiff`, `contact_pressure_lost`, `contact_not_found`, and the results of the drawn
+    layout and of the numbers themselves leave finite placeholders with zero derivatives. Raises
+    `ValueError` where a pulley with torque has no friction.
     """
     return _contact(drive, point, law, False, throw)
 
@@ -113,7 +121,7 @@ def _contact(drive, point, law: Law, maximum: bool, throw: bool) -> ContactState
     if bare is not None:
         raise ValueError(f"Pulley {bare!r} has torque; contact needs its friction.")
     # The law and the question are data, so that one compiled program answers them all.
-    found = contact_solution(drive, point, *asked(law, maximum))
+    found = contact_solution(*canonical(drive, point), *asked(law, maximum))
     return raise_unless_successful(found, found.result, throw)
 
 
@@ -137,7 +145,7 @@ def without_friction(drive: Drive, point: OperatingPoint, maximum: bool) -> str 
 
 def asked(law: Law, maximum: bool) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """The law and the question as `contact_solution` takes them."""
-    return jnp.asarray(LAWS[law]), jnp.asarray(float(maximum))
+    return as_real(LAWS[law]), as_real(maximum)
 
 
 @eqx.filter_jit
@@ -145,9 +153,9 @@ def contact_solution(drive: Drive, point: OperatingPoint, law, maximum) -> Conta
     """`contact_state` or `maximum_moment`, whose failures are in its result alone."""
     good = usable(drive, point)
     drive, point = harmless(drive, point, good)
-    drawn = layout(drive)
-    tangents = drawn.result != RESULTS.no_tangent
-    drive, point = harmless(drive, point, tangents)
+    drawn = layout(drive, throw=False)
+    drawable = succeeded(drawn.result)
+    drive, point = harmless(drive, point, drawable)
     start = _installed(drive, point)
     taken, scalable = _torques(drive, point, start.tension, maximum)
     groups, scales = contact_groups(drive, point, taken, start.tension)
@@ -161,9 +169,10 @@ def contact_solution(drive: Drive, point: OperatingPoint, law, maximum) -> Conta
     loaded = model.loaded > 0
     narrow = (maximum > 0) & jnp.any(loaded & (loop.wrap < _NARROW))
     arm_angle = drawn.arm_angle + solved.unknown.turn
+    moved = layout(drive, solved.unknown.turn, throw=False)
     missing = first_failure(
         (~good, RESULTS.numbers_unusable),
-        (~tangents, RESULTS.no_tangent),
+        (~drawable, drawn.result),
         (~scalable, RESULTS.no_torque_to_scale),
         (~(solved.converged & rested) & _too_stiff(model), RESULTS.belt_too_stiff),
         (~solved.converged & ~succeeded(start.result), start.result),
@@ -173,6 +182,7 @@ def contact_solution(drive: Drive, point: OperatingPoint, law, maximum) -> Conta
     )
     result = first_failure(
         (~succeeded(missing), missing),
+        (~succeeded(moved.result), moved.result),
         (strain > LARGEST_STRAIN, RESULTS.belt_overstretched),
         (jnp.any(loaded & (loop.wrap <= 0)), RESULTS.wrap_vanished),
         (jnp.any(loaded & (loop.wrap - loop.slip < -_SLIPPING)), RESULTS.gross_slip),
@@ -198,7 +208,7 @@ def _installed(drive: Drive, point: OperatingPoint) -> _Start:
     if isinstance(rule, TensionGiven):
         return _Start(rule.tension, still, jnp.ones(()), still, RESULTS.successful)
     string = resting(drive, point)
-    drawn = layout(drive)
+    drawn = layout(drive, throw=False)
     held = held_by_belt(drawn, rule)
     turn = still
     if string.arm_angle is not None:

@@ -1,6 +1,7 @@
 """Damping of a linearized drive."""
 
 import equinox as eqx
+import numpy as np
 from jaxtyping import Array, Float
 
 from beltjax.analysis.linearization import Linearization
@@ -23,8 +24,10 @@ class Damping(eqx.Module):
     def __check_init__(self):
         for name in ("modal", "stiffness"):
             value = concrete(getattr(self, name))
-            if value is not None and not (value >= 0).all():
-                raise ValueError(f"Damping: {name} must not be negative, and is {value}.")
+            if value is not None and not ((value >= 0) & (value < np.inf)).all():
+                raise ValueError(
+                    f"Damping: {name} must not be negative and must be finite, and is {value}."
+                )
 
 
 def damping_matrix(linearization: Linearization, damping: Damping) -> Float[Array, "size size"]:

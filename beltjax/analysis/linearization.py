@@ -5,7 +5,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from beltjax.analysis.steady import SteadyState
-from beltjax.drive.components import Drive
+from beltjax.drive.canonical import strongly_typed
+from beltjax.drive.components import Drive, as_optional
 from beltjax.drive.groups import Scales
 from beltjax.numerics.bases import AbstractBasis, Legendre
 from beltjax.physics import span
@@ -15,7 +16,7 @@ from beltjax.physics.vibration import (
     elongations,
     turning_strains,
 )
-from beltjax.results import RESULTS, frozen_where_failed, succeeded
+from beltjax.results import RESULTS, frozen_where_failed, raise_unless_successful, succeeded
 
 
 class Linearization(eqx.Module):
@@ -81,7 +82,6 @@ class Linearization(eqx.Module):
         return self.basis.values(x, order) @ fields[i] + lift * arm
 
 
-@eqx.filter_jit
 def linearize(
     steady: SteadyState,
     basis: AbstractBasis | None = None,
@@ -89,6 +89,7 @@ def linearize(
     free: bool = False,
     fixed_steady: SteadyState | None = None,
     fixed_bending: Float[Array, ""] | float | None = None,
+    throw: bool = True,
 ) -> Linearization:
     """Mass, gyroscopic and stiffness matrices of the drive about its steady state.
 
@@ -100,12 +101,20 @@ def linearize(
     `fixed_steady` takes deflections and tensions from another steady state, `fixed_bending` the
     belt's resistance to bending (eps) from elsewhere.
 
-    Raises `ValueError` where a pulley or the arm has no inertia. A failed steady state's
-    result travels; its matrices are placeholders without derivatives.
+    Raises `ValueError` where a pulley or the arm has no inertia. Fails as the steady states
+    failed. With `throw=False` read `.result`: the matrices of a failed state are placeholders
+    without derivatives.
     """
     basis = Legendre(24) if basis is None else basis
     if not isinstance(basis, AbstractBasis):
         raise ValueError(f"basis: found {basis!r}; give Sine(n) or Legendre(n).")
+    bending = as_optional(fixed_bending)
+    found = _linearized(strongly_typed(steady), basis, free, strongly_typed(fixed_steady), bending)
+    return raise_unless_successful(found, found.result, throw)
+
+
+@eqx.filter_jit
+def _linearized(steady, basis, free: bool, fixed_steady, fixed_bending) -> Linearization:
     shaped = steady if fixed_steady is None else fixed_steady
     model = _model(steady, shaped, fixed_bending)
     result = RESULTS.where(succeeded(steady.result), shaped.result, steady.result)
@@ -153,7 +162,7 @@ def _model(steady: SteadyState, shaped: SteadyState, eps) -> VibrationModel:
         raise ValueError("Tensioner.inertia: missing; vibration needs the inertia of the arm.")
     u, z = span.layer_width(h.bending, h.span_ratios, shaped.effective_tensions)
     return VibrationModel(
-        eps=g.bending if eps is None else jnp.asarray(eps, dtype=float),
+        eps=g.bending if eps is None else eps,
         s=g.speed,
         tau=g.travel,
         gam=g.stretch,

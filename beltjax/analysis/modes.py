@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Complex, Float
 
 from beltjax.analysis.damping import Damping, damping_matrix
 from beltjax.analysis.linearization import Linearization
+from beltjax.drive.canonical import strongly_typed
 from beltjax.numerics.bases import Products
 from beltjax.numerics.counting import Counted, counted_derivative, counted_root
 from beltjax.numerics.gyroscopic import (
@@ -25,7 +26,13 @@ from beltjax.numerics.gyroscopic import (
 )
 from beltjax.physics.exact_vibration import Characteristic, characteristic
 from beltjax.physics.vibration import VibrationModel, forms_of_spans, lift_products
-from beltjax.results import RESULTS, first_failure, frozen_where_failed, succeeded
+from beltjax.results import (
+    RESULTS,
+    first_failure,
+    frozen_where_failed,
+    raise_unless_successful,
+    succeeded,
+)
 
 Route = Literal["auto", "hermitian", "general"]
 
@@ -86,7 +93,6 @@ def mode_label(rigid: float, spans: list[float]) -> str:
     return "spans" if rigid < 1 - _MOSTLY else "coupled"
 
 
-@eqx.filter_jit
 def modes(
     linearization: Linearization,
     count: int = 8,
@@ -94,6 +100,7 @@ def modes(
     exact: bool = False,
     damping: Damping | None = None,
     route: Route = "auto",
+    throw: bool = True,
 ) -> Modes:
     """The `count` natural modes of lowest frequency of a linearized drive.
 
@@ -108,11 +115,20 @@ def modes(
 
     Second derivatives are there for `exact` frequencies alone; all others are NaN.
 
-    Never raises for numbers: `.result` is `drive_diverges` or `drive_flutters` for an unstable
-    drive, whose values are right under "auto" and "general" and placeholders under
-    "hermitian"; a failed steady state's result travels; `frequencies_not_isolated` where
-    `exact` could not close in. Raises `ValueError` for a count above the system's size.
+    Fails with `drive_diverges` or `drive_flutters` for an unstable drive, as the linearization
+    failed, and with `frequencies_not_isolated` where `exact` could not close in. With
+    `throw=False` read `.result`: the values of an unstable drive are right under "auto" and
+    "general" and placeholders under "hermitian". Raises `ValueError` for a count above the
+    system's size.
     """
+    found = _modes(strongly_typed(linearization), int(count), exact, strongly_typed(damping), route)
+    return raise_unless_successful(found, found.result, throw)
+
+
+@eqx.filter_jit
+def _modes(
+    linearization: Linearization, count: int, exact: bool, damping: Damping | None, route: Route
+) -> Modes:
     lin = linearization
     _require_askable(lin, count, len(lin.mass) - _rigid(lin), exact, damping, route)
     C = lin.gyroscopic

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from beltjax.analysis.steady import steady_state
+from beltjax.drive.canonical import canonical
 from beltjax.drive.components import Drive, OperatingPoint, as_real, concrete
 from beltjax.physics import moving_beam as beam
 from beltjax.physics import moving_beam_expansion as expansion
@@ -73,6 +74,8 @@ def moving_beam_modes(
     ends: Ends = ("simple", "simple"),
     count: int = 4,
     method: Method = "exact",
+    *,
+    throw: bool = True,
 ) -> MovingBeamModes:
     """The lowest `count` frequencies and modes of a tensioned beam that moves along itself.
 
@@ -87,9 +90,11 @@ def moving_beam_modes(
     speeds below 1 and small bending; `error` is the size of the last term.
 
     Both are differentiable in `bending` and `speed`, also at 0. Raises `ValueError` for what is
-    wrong whatever the numbers, or known to be. At and beyond the critical speed `.result` is
-    `beyond_critical_speed`, for traced numbers that make no sense `beam_unusable`; then all
-    values are zero, with zero derivatives.
+    wrong whatever the numbers, or known to be.
+
+    Fails with `beyond_critical_speed` at the critical speed and above, and with `beam_unusable`
+    for traced numbers that make no sense. With `throw=False` read `.result`: then all values are
+    zero, with zero derivatives.
     """
     ends, count = _checked_ends(ends), _checked_count(count)
     if method not in METHODS:
@@ -100,7 +105,8 @@ def moving_beam_modes(
         raise ValueError(
             f"bending: found {eps_known:g}, but sqrt(EI/P)/L is not negative. Give 0 for a string."
         )
-    return _modes(eps, v, ends, count, method)
+    found = _modes(eps, v, ends, count, method)
+    return raise_unless_successful(found, found.result, throw)
 
 
 def span_frequencies(
@@ -121,7 +127,7 @@ def span_frequencies(
     holds zeros with zero derivatives.
     """
     ends, count = _checked_ends(ends), _checked_count(count)
-    found = _span_frequencies(drive, point, ends, count)
+    found = _span_frequencies(*canonical(drive, point), ends, count)
     return raise_unless_successful(found, found.result, throw)
 
 

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from beltjax.drive.canonical import canonical
 from beltjax.drive.components import BeltGiven, Drive, OperatingPoint, TensionGiven
 from beltjax.drive.layout import Layout, Outline, Path, belt_path, layout, outline
 from beltjax.drive.usable import harmless, usable
@@ -29,8 +30,8 @@ class ReferenceState(eqx.Module):
     layout: Layout  # with the arm where the torques hold it
     tensions: Float[Array, " spans"]  # P_i [N]
     base_tension: Float[Array, ""]  # P0, the tension without torques [N]
-    arm_angle: Float[Array, ""] | None  # direction of the arm [rad]
-    free_angle: Float[Array, ""] | None  # its direction with the spring relaxed [rad]
+    arm_angle: Float[Array, ""] | None  # direction of the arm [rad], counted on from the drawn one
+    free_angle: Float[Array, ""] | None  # with the spring relaxed [rad], whole turns included
     unstretched_length: Float[Array, ""]  # L0 [m]
     error: Float[Array, ""]  # residual, relative, before the last Newton step: an upper bound
     result: RESULTS
@@ -55,7 +56,6 @@ class _Problem(NamedTuple):
     stiffness: Float[Array, ""]  # of the arm's spring [N m/rad]; 1 where there is no arm
 
 
-@eqx.filter_jit
 def reference_state(drive: Drive, point: OperatingPoint, *, throw: bool = True) -> ReferenceState:
     """Tensions, arm angle and belt length of the drive at rest under its torques.
 
@@ -67,16 +67,21 @@ def reference_state(drive: Drive, point: OperatingPoint, *, throw: bool = True) 
     batch hold finite numbers, the state's own where it was found (`span_slack`, `arm_at_stop`)
     and placeholders elsewhere, with zero derivatives.
     """
+    state = _reference_state(*canonical(drive, point))
+    return raise_unless_successful(state, state.result, throw)
+
+
+@jax.jit
+def _reference_state(drive: Drive, point: OperatingPoint) -> ReferenceState:
     good = usable(drive, point)
     state = resting(*harmless(drive, point, good))
     result = first_failure((~good, RESULTS.numbers_unusable), (good, state.result))
-    state = frozen_where_failed(eqx.tree_at(lambda s: s.result, state, result), result)
-    return raise_unless_successful(state, result, throw)
+    return frozen_where_failed(eqx.tree_at(lambda s: s.result, state, result), result)
 
 
 def resting(drive: Drive, point: OperatingPoint) -> ReferenceState:
     """`reference_state` of numbers that are usable, derivatives of failed lanes not yet barred."""
-    drawn = layout(drive)
+    drawn = layout(drive, throw=False)
     rule = drive.installation
     if isinstance(rule, TensionGiven) and rule.span_tensions is not None:
         return _printed_state(drive, drawn, rule.tension, rule.span_tensions)
@@ -92,7 +97,9 @@ def _printed_state(drive, drawn, tension, tensions) -> ReferenceState:
         (beyond_stops(drive, drawn.arm_angle), RESULTS.arm_at_stop),
     )
     exact = jnp.zeros(())
-    return _state(drive, drawn, tensions, tension, held, exact, result, {"steps": jnp.array(0)})
+    return _state(
+        drive, drawn, exact, tensions, tension, held, exact, result, {"steps": jnp.array(0)}
+    )
 
 
 def _solved_state(drive, point, drawn) -> ReferenceState:
@@ -117,7 +124,7 @@ def _solved_state(drive, point, drawn) -> ReferenceState:
         held=_replaced(good, held, spare), offsets=jnp.where(good, offsets, 0.0)
     )
     turn, level = _root(problem, good, found)
-    moved = layout(drive, turn)
+    moved = layout(drive, turn, throw=False)
     tensions = level + problem.offsets
     result = first_failure(
         (~fits, bare),
@@ -127,7 +134,8 @@ def _solved_state(drive, point, drawn) -> ReferenceState:
         (beyond_stops(drive, drawn.arm_angle + turn), RESULTS.arm_at_stop),
     )
     error = jnp.max(jnp.abs(found.residual))
-    return _state(drive, moved, tensions, base, problem.held, error, result, {"steps": found.steps})
+    stats = {"steps": found.steps}
+    return _state(drive, moved, turn, tensions, base, problem.held, error, result, stats)
 
 
 def _problem(drive: Drive, held: Held, offsets, scale) -> _Problem:
@@ -161,7 +169,7 @@ def _replaced(good, held: Held, spare: Held) -> Held:
     return jax.tree.map(lambda a, b: jnp.where(good, a, jax.lax.stop_gradient(b)), held, spare)
 
 
-def _state(drive, at, tensions, base, held, error, result, stats) -> ReferenceState:
+def _state(drive, at, turn, tensions, base, held, error, result, stats) -> ReferenceState:
     arm = drive.arm
     drawn_angle = jnp.arctan2(arm[1], arm[0])
     locked = drive.tensioner is None
@@ -169,7 +177,7 @@ def _state(drive, at, tensions, base, held, error, result, stats) -> ReferenceSt
         layout=at,
         tensions=tensions,
         base_tension=base,
-        arm_angle=None if locked else at.arm_angle,
+        arm_angle=None if locked else drawn_angle + turn,
         free_angle=None if locked else drawn_angle - held.wind_up,
         unstretched_length=held.length,
         error=error,
@@ -218,11 +226,8 @@ def held_by_belt(drawn: Layout, rule: BeltGiven) -> Held:
     """The belt of the rule, and how far the drawn arm winds its spring up."""
     wind_up = jnp.zeros(())
     if rule.free_angle is not None:
-        difference = drawn.arm_angle - rule.free_angle
-        # The arm may be drawn beyond +-180 degrees of its free angle's branch.
-        wind_up = difference - 2 * jnp.pi * jax.lax.stop_gradient(
-            jnp.round(difference / (2 * jnp.pi))
-        )
+        # As it stands, whole turns included: a soft spring is wound by more than half a turn.
+        wind_up = drawn.arm_angle - rule.free_angle
     return Held(rule.belt_length, wind_up)
 
 

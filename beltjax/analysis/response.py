@@ -10,14 +10,21 @@ from jaxtyping import Array, Complex, Float
 from beltjax.analysis.damping import Damping, damping_matrix
 from beltjax.analysis.linearization import Linearization, linearize
 from beltjax.analysis.steady import steady_state
-from beltjax.drive.components import Drive, OperatingPoint, as_real, concrete
+from beltjax.drive.canonical import canonical, strongly_typed
+from beltjax.drive.components import Drive, OperatingPoint, as_complex, as_real, concrete
 from beltjax.numerics.bases import AbstractBasis, Legendre
 from beltjax.physics.exact_vibration import (
     dynamic_stiffness,
     span_response,
     spans_in_motion,
 )
-from beltjax.results import RESULTS, frozen_where_failed
+from beltjax.results import (
+    RESULTS,
+    first_failure,
+    frozen_where_failed,
+    raise_unless_successful,
+    succeeded,
+)
 
 _POINTS = 65  # at which the peak of a span is looked for before it is refined
 
@@ -29,21 +36,26 @@ class Excitation(eqx.Module):
     the direction of belt travel.
     """
 
-    crank: Complex[Array, ""] = eqx.field(converter=lambda x: jnp.asarray(x, complex), default=0.0)
+    crank: Complex[Array, ""] = eqx.field(converter=as_complex, default=0.0)
     torques: dict[str, Complex[Array, ""]] = eqx.field(
-        converter=lambda t: {name: jnp.asarray(x, complex) for name, x in t.items()},
+        converter=lambda t: {name: as_complex(x) for name, x in t.items()},
         default_factory=dict,
     )  # [N m], by name of pulley
 
     def on(self, names: tuple[str, ...]) -> Complex[Array, " pulleys"]:
-        """Torque on each pulley [N m]; raises `ValueError` for a name that is not there."""
+        """Torque on each pulley [N m]; raises `ValueError` for a name that is not there.
+
+        Without `names`, which only torques need, the one zero that stands for none.
+        """
+        if not self.torques:
+            names = names or ("",)
         for name in self.torques:
             if name not in names:
                 raise ValueError(
                     f"Excitation.torques: there is no pulley {name!r}; give one of "
                     f"{', '.join(names)}."
                 )
-        return jnp.stack([self.torques.get(name, jnp.zeros((), complex)) for name in names])
+        return jnp.stack([self.torques.get(name, as_complex(0.0)) for name in names])
 
 
 class Response(eqx.Module):
@@ -55,6 +67,9 @@ class Response(eqx.Module):
     span_peaks: Float[Array, "points spans"]  # largest deflection over each span [m]
     tensions: Complex[Array, "points spans"]  # tension fluctuations [N]
     hub_loads: Float[Array, "points pulleys"]  # [N], of the vector sum of those tensions
+    # By what factor the excitation may grow until a span goes slack, where the fluctuation of its
+    # tension reaches its running tension. Below 1 the linear response is not to be trusted.
+    slack_factors: Float[Array, "points spans"]
     coordinates: Complex[Array, "points size"] | None  # in the linearization's basis; None: exact
     result: RESULTS
 
@@ -67,6 +82,7 @@ def frequency_response(
     *,
     damping: Damping | None = None,
     exact: bool = False,
+    throw: bool = True,
 ) -> Response:
     """Response of a linearized drive to a harmonic excitation at `frequencies` > 0 [rad/s].
 
@@ -76,25 +92,35 @@ def frequency_response(
 
     Raises `ValueError` for frequencies that are empty or not positive, for an excitation of a
     pulley that is not there, for crank motion of a drive linearized `free`, and for `exact`
-    with modal or stiffness damping. A failed linearization's result travels.
+    with modal or stiffness damping. Fails as the linearization failed, and with
+    `response_not_finite` where no finite motion answers. With `throw=False` read `.result`.
     """
     damping = Damping() if damping is None else damping
     frequencies = jnp.atleast_1d(as_real(frequencies))
     _require_frequencies(frequencies)
     if exact:
         _require_closed_form(linearization, damping)
-    return _response(linearization, frequencies, excitation, names, damping, exact)
+    excitation = strongly_typed(excitation)
+    found = _response(
+        strongly_typed(linearization),
+        frequencies,
+        excitation.crank,
+        excitation.on(names),
+        strongly_typed(damping),
+        exact,
+    )
+    return raise_unless_successful(found, found.result, throw)
 
 
 @eqx.filter_jit
-def _response(lin, frequencies, excitation: Excitation, names, damping, exact: bool) -> Response:
-    torques = excitation.on(names) if excitation.torques else jnp.zeros(lin.spans, complex)
-    forces = torques / lin.joules
+def _response(lin, frequencies, crank, torques, damping, exact: bool) -> Response:
+    """`frequency_response` to torques [pulleys], or [1] for the same on each."""
+    forces = jnp.broadcast_to(torques / lin.joules, (lin.spans,))
     omega = frequencies * lin.scales.time
     solve = _exactly if exact else _by_basis
-    fields = jax.vmap(lambda w: solve(lin, w, excitation.crank, forces, damping))(omega)
-    answer = _in_newtons(lin, frequencies, *fields, excitation.crank)
-    return frozen_where_failed(answer, lin.result)
+    fields = jax.vmap(lambda w: solve(lin, w, crank, forces, damping))(omega)
+    answer = _in_newtons(lin, frequencies, *fields, crank)
+    return frozen_where_failed(answer, answer.result)
 
 
 def _require_frequencies(frequencies: Array) -> None:
@@ -179,16 +205,27 @@ def _in_newtons(lin, frequencies, z, rotations, arm, strains, peaks, crank) -> R
     pulls = tensions[..., None] * along
     hub = _modulus(pulls - jnp.roll(pulls, 1, axis=1))
     rotations = rotations + crank * jnp.zeros(lin.spans).at[lin.driver].set(1.0 - lin.free)
-    return Response(
+    swing = _modulus(tensions)
+    running = lin.steady.running_tensions
+    slack = jnp.where(swing > 0, running / jnp.where(swing > 0, swing, 1.0), jnp.inf)
+    answer = Response(
         frequencies=frequencies,
         rotations=rotations,
         arm_rotation=arm,
         span_peaks=peaks * m.lam * scales.length,
         tensions=tensions,
         hub_loads=jnp.sqrt(jnp.sum(hub**2, axis=-1) + 1e-300),
+        slack_factors=slack,
         coordinates=z,
         result=lin.result,
     )
+    parts = rotations, arm, answer.span_peaks, tensions, answer.hub_loads
+    finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(part)) for part in parts]))
+    result = first_failure(
+        (~succeeded(lin.result), lin.result), (~finite, RESULTS.response_not_finite)
+    )
+    kept = jax.tree.map(lambda x: jnp.where(finite, x, jnp.zeros_like(x)), answer)
+    return eqx.tree_at(lambda r: r.result, kept, result)
 
 
 def speed_response(
@@ -200,21 +237,27 @@ def speed_response(
     order: float = 2.0,
     damping: Damping | None = None,
     basis: AbstractBasis | None = None,
+    throw: bool = True,
 ) -> Response:
     """Response over a range of the driver's speed [rad/s], excited at `order` times that speed.
 
     The steady state is that of each speed. `basis` is `Legendre(16)` unless given. Every field
-    of the result has the speeds along its first axis, `result` too.
+    of the result has the speeds along its first axis, `result` too. Fails as
+    `frequency_response` does where any speed fails. With `throw=False` read `.result`.
     """
     driver_speeds = jnp.atleast_1d(as_real(driver_speeds))
     _require_frequencies(driver_speeds)
     basis = Legendre(16) if basis is None else basis
     damping = Damping() if damping is None else damping
-    return _over_speeds(drive, point, driver_speeds, excitation, as_real(order), damping, basis)
+    excitation, damping = strongly_typed((excitation, damping))
+    shaken = excitation.crank, excitation.on(drive.pulley_names)
+    numbers = *canonical(drive, point), driver_speeds, shaken, as_real(order)
+    found = _over_speeds(*numbers, damping, basis)
+    return raise_unless_successful(found, found.result, throw)
 
 
 @eqx.filter_jit
-def _over_speeds(drive, point, driver_speeds, excitation, order, damping, basis) -> Response:
+def _over_speeds(drive, point, driver_speeds, shaken, order, damping, basis) -> Response:
     def at(speed):
         moved = eqx.tree_at(
             lambda p: (p.belt_speed, p.driver_speed),
@@ -223,10 +266,8 @@ def _over_speeds(drive, point, driver_speeds, excitation, order, damping, basis)
             is_leaf=lambda leaf: leaf is None,
         )
         steady = steady_state(drive, moved, throw=False)
-        lin = linearize(steady, basis)
-        found = frequency_response(
-            lin, order * speed[None], excitation, drive.pulley_names, damping=damping
-        )
+        lin = linearize(steady, basis, throw=False)
+        found = _response(lin, order * speed[None], *shaken, damping, False)
         result = found.result
         flat = eqx.tree_at(lambda r: r.result, found, None)
         return jax.tree.map(lambda x: x[0], flat), result
@@ -245,30 +286,46 @@ def peak_response(
     *,
     damping: Damping | None = None,
     points: int = 400,
+    throw: bool = True,
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Largest value of `amplitude(response)` between two frequencies [rad/s], and where it is.
 
     `amplitude` takes a response at one frequency to a real number. The best of a grid of
     `points` is refined; the derivative of the peak is exact, since its place does not matter to
-    first order.
+    first order. One compiled program serves every call with the same function `amplitude`.
+
+    Raises `ValueError` for limits that are not 0 < lower < upper. Fails as
+    `frequency_response` does; with `throw=False` a failure shows in `linearization.result` alone.
     """
     if not 0 < float(lower) < float(upper):
         raise ValueError(f"lower, upper: found {lower:g}, {upper:g}; give 0 < lower < upper.")
+    excitation = strongly_typed(excitation)
+    shaken = excitation.crank, excitation.on(names)
+    damping = Damping() if damping is None else strongly_typed(damping)
+    ends = as_real(lower), as_real(upper)
+    peak, place, result = _peak_response(
+        strongly_typed(linearization), amplitude, *ends, shaken, damping, points
+    )
+    return raise_unless_successful((peak, place), result, throw)
 
+
+@eqx.filter_jit
+def _peak_response(linearization, amplitude, lower, upper, shaken, damping, points: int):
     def at(omega, lin):
-        found = frequency_response(lin, omega[None], excitation, names, damping=damping)
-        return jnp.squeeze(amplitude(found))
+        found = _response(lin, omega[None], *shaken, damping, False)
+        return jnp.squeeze(amplitude(found)), found.result
 
     fixed = jax.lax.stop_gradient(linearization)
     grid = jnp.linspace(lower, upper, points)
-    place = grid[jnp.argmax(jax.vmap(lambda omega: at(omega, fixed))(grid))]
-    slope = jax.grad(at)
+    place = grid[jnp.argmax(jax.vmap(lambda omega: at(omega, fixed)[0])(grid))]
+    slope = jax.grad(lambda omega: at(omega, fixed)[0])
     reach = (grid[1] - grid[0]) / 2
 
     def newton(_, place):
-        first, second = jax.jvp(lambda w: slope(w, fixed), (place,), (jnp.ones(()),))
+        first, second = jax.jvp(slope, (place,), (jnp.ones(()),))
         step = jnp.where(second < 0, -first / jnp.where(second < 0, second, 1.0), 0.0)
         return jnp.clip(place + jnp.clip(step, -reach, reach), lower, upper)
 
     place = jax.lax.stop_gradient(jax.lax.fori_loop(0, 6, newton, place))
-    return at(place, linearization), place
+    peak, result = at(place, linearization)
+    return peak, place, result

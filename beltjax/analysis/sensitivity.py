@@ -10,7 +10,9 @@ from jaxtyping import Array
 from beltjax.analysis.linearization import has_inertias, linearize
 from beltjax.analysis.modes import Modes, causes, modes_with_slopes
 from beltjax.analysis.steady import SteadyState, steady_state
+from beltjax.drive.canonical import canonical, restored
 from beltjax.drive.components import Drive, OperatingPoint
+from beltjax.numerics.bases import AbstractBasis
 
 # Choices kept as numbers for the compiler's sake, and tables of their own.
 _FLAGS = ("name", "face", "driver", "on_arm", "travel", "torque", "excitation")
@@ -48,18 +50,35 @@ def _fields(table: str, part: Any) -> dict[str, Array]:
     return {f"{table}.{key}": value for key, value in fields.items() if value is not None}
 
 
-@eqx.filter_jit
 def sensitivities(drive: Drive, point: OperatingPoint, count: int, basis) -> Sensitivities:
     """Steady state and exact modes, and the total derivatives of Gamma and of the frequencies.
 
     Never raises for numbers: read each state's result. Derivatives of a failed state are zero.
+    """
+    found = canonical_sensitivities(*canonical(drive, point), count, basis)
+    return in_names_of(drive, point, found)
+
+
+def in_names_of(drive: Drive, point: OperatingPoint, found: Sensitivities) -> Sensitivities:
+    """Sensitivities of the canonical drive and point with the names of `drive` and `point`."""
+    frequencies = found.frequencies and restored(found.frequencies, drive, point)
+    coupling = restored(found.coupling, drive, point)
+    return found._replace(coupling=coupling, frequencies=frequencies)
+
+
+@eqx.filter_jit
+def canonical_sensitivities(
+    drive: Drive, point: OperatingPoint, count: int, basis: AbstractBasis
+) -> Sensitivities:
+    """`sensitivities` of a canonical drive and point.
+
     Everything is pulled back through the steady state at once.
     """
     vibrates = has_inertias(drive)
 
     def states(numbers):
         steady = steady_state(*numbers, throw=False)
-        linearization = linearize(steady, basis) if vibrates else None
+        linearization = linearize(steady, basis, throw=False) if vibrates else None
         moved = causes(linearization) if linearization is not None else None
         return (jnp.sum(steady.coupling), moved), (steady, linearization)
 

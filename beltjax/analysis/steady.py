@@ -12,6 +12,7 @@ from beltjax.analysis.reference import (
     beyond_stops,
     resting,
 )
+from beltjax.drive.canonical import canonical
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.groups import Groups, Scales, groups_and_scales
 from beltjax.drive.usable import harmless, usable
@@ -115,7 +116,6 @@ class SteadyState(eqx.Module):
         return self.method.deflection(steady_model(self.groups), th, Q, i, jnp.asarray(x))
 
 
-@eqx.filter_jit
 def steady_state(
     drive: Drive,
     point: OperatingPoint,
@@ -134,6 +134,12 @@ def steady_state(
     leaves its neighbors alone.
     """
     method = Exact() if method is None else method
+    steady = _steady_state(*canonical(drive, point), method)
+    return raise_unless_successful(steady, steady.result, throw)
+
+
+@eqx.filter_jit
+def _steady_state(drive: Drive, point: OperatingPoint, method: AbstractSteadyMethod) -> SteadyState:
     good = usable(drive, point)
     drive, point = harmless(drive, point, good)
     reference = resting(drive, point)
@@ -171,8 +177,7 @@ def steady_state(
         stats={"steps": solved.steps, "reference_steps": reference.stats["steps"]},
         method=method,
     )
-    steady = frozen_where_failed(steady, result)
-    return raise_unless_successful(steady, result, throw)
+    return frozen_where_failed(steady, result)
 
 
 def _running_past_stop(drive: Drive, reference: ReferenceState, solved) -> Bool[Array, ""]:

@@ -15,11 +15,12 @@ from beltjax.analysis.linearization import linearize
 from beltjax.analysis.modes import mode_label, modes
 from beltjax.analysis.steady import steady_state
 from beltjax.analysis.tracking import Shapes, Veering, linked, tracks, veerings
+from beltjax.drive.canonical import canonical, canonical_key
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.numbers import require_number, unit_of_number, with_number
 from beltjax.numerics.bases import AbstractBasis, Legendre
 from beltjax.numerics.compilation import in_chunks, quickly_compiled
-from beltjax.results import RESULTS, explanations, succeeded
+from beltjax.results import RESULTS, explanations, successes
 
 if TYPE_CHECKING:
     import xarray
@@ -54,7 +55,7 @@ class Sweep:
     @property
     def good(self) -> np.ndarray:
         """Whether each point succeeded [points]."""
-        return np.asarray(succeeded(self.result))
+        return successes(self.result)
 
     @property
     def outcomes(self) -> tuple[str, ...]:
@@ -201,7 +202,8 @@ class _Evaluation(NamedTuple):
 
     def __call__(self, stage: str, values: np.ndarray) -> Sample:
         def run(chunk):
-            numbers = self.drive, self.point, self.name, jnp.asarray(chunk)
+            drive, point = canonical(self.drive, self.point)
+            numbers = drive, point, canonical_key(self.drive, self.name), jnp.asarray(chunk)
             return quickly_compiled(_samples)(*numbers, self.window, self.basis)
 
         return in_chunks(run, values, CHUNK, functools.partial(self.advance, stage))
@@ -210,8 +212,8 @@ class _Evaluation(NamedTuple):
 def _samples(drive, point, name: str, values, window: int, basis) -> Sample:
     def at(value):
         steady = steady_state(*with_number(drive, point, name, value), throw=False)
-        lin = linearize(steady, basis)
-        found = modes(lin, window, route="hermitian")
+        lin = linearize(steady, basis, throw=False)
+        found = modes(lin, window, route="hermitian", throw=False)
         return Sample(
             frequencies=found.frequencies,
             dimensionless=found.dimensionless,
@@ -229,7 +231,7 @@ def _samples(drive, point, name: str, values, window: int, basis) -> Sample:
 
 
 def _good(found: Sample) -> np.ndarray:
-    return np.asarray(succeeded(found.result))
+    return successes(found.result)
 
 
 def _shapes(found: Sample) -> list[Shapes | None]:

@@ -96,7 +96,7 @@ def require_possible_layout(drives: list[Drive], path: object) -> Drive:
 
 @jax.jit
 def _survey(drive: Drive, arm_rotation) -> tuple[Layout, Clearances]:
-    at = layout(drive, arm_rotation)
+    at = layout(drive, arm_rotation, throw=False)
     return at, clearances(drive, at)
 
 

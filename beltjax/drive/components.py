@@ -1,6 +1,6 @@
 """The physical description of a drive in SI units: immutable pytrees whose leaves are numbers."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -17,17 +17,27 @@ TRAVELS = {"listed": 1.0, "opposite": -1.0}
 
 def as_real(value: Any) -> Array:
     """`value` as a strongly typed double; raises in single precision."""
+    return _strongly_typed(value, np.dtype(np.float64))
+
+
+def as_complex(value: Any) -> Array:
+    """`value` as a strongly typed complex number of double precision."""
+    return _strongly_typed(value, np.dtype(np.complex128))
+
+
+def _strongly_typed(value: Any, dtype: np.dtype) -> Array:
     if not jax.config.read("jax_enable_x64"):
         raise RuntimeError(
             "beltjax needs double precision: call jax.config.update('jax_enable_x64', True) "
             "before building a drive, or set JAX_ENABLE_X64=1."
         )
-    # A bare jnp.asarray(0.03) is weakly typed and costs a second compilation. Plain numbers are
-    # converted by NumPy, which compiles nothing.
-    numbers = jax.tree.leaves(value)
-    plain = numbers and all(isinstance(number, int | float) for number in numbers)
-    value = np.asarray(value, dtype=np.float64) if plain else value
-    return jnp.asarray(value, dtype=jnp.float64)
+    # A bare jnp.asarray(0.03) is weakly typed and costs a second compilation. What JAX does not
+    # trace is converted by NumPy, which compiles nothing.
+    if isinstance(value, jax.Array) and value.dtype == dtype and not value.weak_type:
+        return value
+    if any(isinstance(number, Tracer) for number in jax.tree.leaves(value)):
+        return jnp.asarray(value, dtype=dtype)
+    return jnp.asarray(np.asarray(value, dtype=dtype))
 
 
 def as_optional(value: Any) -> Array | None:
@@ -141,7 +151,20 @@ class BeltGiven(eqx.Module):
 
     belt_length: Float[Array, ""] = eqx.field(converter=as_real)  # unstretched [m]
     free_angle: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)
-    # free_angle [rad] is the direction of the arm, from pivot to pulley, with its spring relaxed
+    # free_angle [rad] is the direction of the arm, from pivot to pulley, with its spring relaxed:
+    # as many turns from the drawn direction, which is in (-pi, pi], as the spring is wound.
+
+
+def span_names(pulleys: Sequence[str]) -> tuple[str, ...]:
+    """Names 'a-b' of the spans between pulleys of these names, in listed order."""
+    following = (*pulleys[1:], *pulleys[:1])
+    return tuple(f"{a}-{b}" for a, b in zip(pulleys, following, strict=True))
+
+
+def repeated_span(pulleys: Sequence[str]) -> str | None:
+    """A name that two spans between these pulleys would share: hyphens are part of both."""
+    names = span_names(pulleys)
+    return next((name for name in names if names.count(name) > 1), None)
 
 
 class Drive(eqx.Module):
@@ -165,6 +188,9 @@ class Drive(eqx.Module):
         names = self.pulley_names
         if len(set(names)) < len(names):
             raise ValueError(f"Names of pulleys repeat: {', '.join(names)}.")
+        repeated = repeated_span(names)
+        if repeated is not None:
+            raise ValueError(f"Two spans would be called {repeated!r}: rename a pulley.")
         self._check_flags("driver", 1, "exactly one pulley drives")
         carried = 0 if self.tensioner is None else 1
         self._check_flags("on_arm", carried, f"the tensioner carries {carried} pulley(s)")
@@ -193,8 +219,7 @@ class Drive(eqx.Module):
     @property
     def span_names(self) -> tuple[str, ...]:
         """Names 'a-b' of the spans: span i runs from pulley i to the next in the list."""
-        names = self.pulley_names
-        return tuple(f"{a}-{b}" for a, b in zip(names, names[1:] + names[:1], strict=True))
+        return span_names(self.pulley_names)
 
     def pulley(self, name: str) -> int:
         """Place of the pulley of that name in the list; raises `KeyError` if there is none."""

@@ -22,6 +22,7 @@ from beltjax.drive.components import (
     Tensioner,
     TensionGiven,
     as_real,
+    repeated_span,
 )
 from beltjax.drive.quantities import (
     Meter,
@@ -234,6 +235,9 @@ def _require_names(file: DriveTable, path: object) -> None:
             )
         if name in names[:i]:
             raise FileError(path, f"pulley.{name}", "this name is used twice; rename one of them")
+    repeated = repeated_span(names)
+    if repeated is not None:
+        raise FileError(path, "pulley", f"two spans would be called {repeated!r}; rename a pulley")
     drivers = [pulley.name for pulley in file.pulley if pulley.driver]
     if len(drivers) != 1:
         found = ", ".join(drivers) or "none"

@@ -12,8 +12,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from beltjax.drive.components import Drive
-from beltjax.results import RESULTS, first_failure, frozen_where_failed
+from beltjax.drive.canonical import canonical_drive
+from beltjax.drive.components import Drive, as_real
+from beltjax.results import (
+    RESULTS,
+    first_failure,
+    frozen_where_failed,
+    raise_unless_successful,
+)
 
 
 class Layout(eqx.Module):
@@ -128,17 +134,25 @@ def belt_path(of: Outline, turn: Float[Array, ""]) -> Path:
     )
 
 
-@jax.jit
-def layout(drive: Drive, arm_rotation: Float[Array, ""] | float = 0.0) -> Layout:
+def layout(
+    drive: Drive, arm_rotation: Float[Array, ""] | float = 0.0, *, throw: bool = True
+) -> Layout:
     """Path of the belt with the arm turned by `arm_rotation` [rad] from where it is drawn.
 
     Pulleys are inside the loop or on its back; the path is that of a perfectly flexible belt.
-    Result: `no_tangent`, `contact_lost` (a wrap that is not positive) or `path_not_simple` (not
-    once round, or spans that cross).
-    Values stay finite, and their derivatives zero, where a tangent does not exist.
+
+    Fails with `no_tangent`, `contact_lost` (a wrap that is not positive) or `path_not_simple`
+    (not once round, or spans that cross). With `throw=False` read `.result`: values stay finite,
+    and their derivatives zero, where a tangent does not exist.
     """
+    found = _layout(canonical_drive(drive), as_real(arm_rotation))
+    return raise_unless_successful(found, found.result, throw)
+
+
+@jax.jit
+def _layout(drive: Drive, arm_rotation: Float[Array, ""]) -> Layout:
     of = outline(drive)
-    path = belt_path(of, jnp.asarray(arm_rotation))
+    path = belt_path(of, arm_rotation)
     centers = jnp.stack([path.x, path.y], axis=-1)
     directions = jnp.stack([path.along_x, path.along_y], axis=-1)
     normals = of.sense * perpendicular(directions)

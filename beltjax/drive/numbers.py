@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from beltjax.drive.components import Drive, OperatingPoint, concrete
-from beltjax.drive.variables import unit_of, value_of, variable_names, with_values
+from beltjax.drive.variables import unit_of, value_of, variable_names, with_values, wound_alike
 
 TORQUE = "operation.torque."
 SPEEDS = ("operation.belt_speed", "operation.driver_speed")
@@ -89,7 +89,8 @@ def _with_field(drive: Drive, words: list[str], value: Float[Array, ""]) -> Driv
     if words[:2] == ["tensioner", "pivot"]:
         assert drive.tensioner is not None  # or the name would not be known
         pivot = drive.tensioner.pivot.at["xy".index(words[2])].set(value)
-        return eqx.tree_at(lambda d: d.tensioner.pivot, drive, pivot)
+        moved = eqx.tree_at(lambda d: d.tensioner.pivot, drive, pivot)
+        return wound_alike(moved, drive, jnp.zeros(()))
     if words[0] == "pulley":
         i = drive.pulley(words[1])
         return eqx.tree_at(lambda d: getattr(d.pulleys[i], words[2]), drive, value)

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -78,6 +79,7 @@ def with_values(drive: Drive, values: Mapping[str, Float[Array, ""]]) -> Drive:
     the spring's free angle) about the center of its pulley, and `tensioner.arm_length` moves
     the pivot along the arm.
     """
+    drawn = drive
     for name, value in values.items():
         if name not in (ANGLE, ARM_LENGTH):
             drive = _with_number(drive, name, value)
@@ -87,7 +89,22 @@ def with_values(drive: Drive, values: Mapping[str, Float[Array, ""]]) -> Drive:
         arm = drive.arm
         direction = arm / jnp.sqrt(jnp.sum(arm**2))
         drive = _with_pivot(drive, values[ARM_LENGTH] * direction)
-    return drive
+    return wound_alike(drive, drawn, values.get(ANGLE, jnp.zeros(())))
+
+
+def wound_alike(drive: Drive, before: Drive, turned: Float[Array, ""]) -> Drive:
+    """`drive`, whose free angle has jumped with its drawn arm since `before`.
+
+    The drawn arm's direction is told between -180 and 180 degrees. A move across that cut, beside
+    the angle by which the tensioner was `turned`, must not wind the spring by a whole turn.
+    """
+    rule = drive.installation
+    if drive.tensioner is None or not isinstance(rule, BeltGiven):
+        return drive
+    now, then = (jnp.arctan2(d.arm[1], d.arm[0]) for d in (drive, before))
+    turns = jnp.round((now - then - turned) / (2 * jnp.pi))
+    free = rule.free_angle + 2 * jnp.pi * jax.lax.stop_gradient(turns)
+    return eqx.tree_at(lambda d: d.installation.free_angle, drive, free)
 
 
 def _locate(drive: Drive, name: str) -> tuple[Any, str]:

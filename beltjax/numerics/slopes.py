@@ -1,13 +1,31 @@
-"""Derivatives of a function of few numbers, taken once however many are asked for."""
+"""Derivatives: of few numbers taken once, of failures none."""
 
 from collections.abc import Callable
+from typing import TypeVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import SymbolicZero
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 Scalar = Float[Array, ""]
+Numbers = TypeVar("Numbers")
+
+
+def frozen_unless(good: Bool[Array, ""], numbers: Numbers) -> Numbers:
+    """`numbers`, whose floating-point arrays carry no derivative unless `good`.
+
+    Of a computation that may fail, freeze what comes out and what goes in: the first stops
+    tangents that are not finite, the second cotangents.
+    """
+
+    def freeze(leaf):
+        if not eqx.is_inexact_array(leaf):
+            return leaf
+        return jnp.where(good, leaf, jax.lax.stop_gradient(leaf))
+
+    return jax.tree.map(freeze, numbers)
 
 
 def with_own_slopes(function: Callable[..., Float[Array, " m"]]) -> Callable[..., Array]:

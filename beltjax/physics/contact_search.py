@@ -11,6 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from beltjax.numerics.roots import followed_root, implicit_solution
+from beltjax.numerics.slopes import frozen_unless
 from beltjax.physics.contact import ContactModel, Loop, Motion, Unknown, joined, long_spans
 
 Scalar = Float[Array, ""]
@@ -68,7 +69,7 @@ def solve(model: ContactModel, task: Task, start: Unknown, origin: Unknown) -> S
     converged = found.converged
     # Where no root was found the last one on the way keeps all numbers finite, and shows what
     # stopped it.
-    root, loop = implicit_solution(_met, args, found.root)
+    root, loop = implicit_solution(_met, frozen_unless(converged, args), found.root)
     unknown = _unpacked(root)
     resting = task.resting > 0
     found_here = Held(_length(loop), loop.moment / model.k_r - unknown.turn)

@@ -7,6 +7,7 @@ import jax
 
 from beltjax.analysis.contact import ContactState, Law, asked, contact_solution, without_friction
 from beltjax.analysis.steady import SteadyState, steady_state
+from beltjax.drive.canonical import canonical
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.files import load_drive
 from beltjax.errors import FileError
@@ -35,7 +36,9 @@ def contact_job(
     if bare is not None:
         message = "is missing; this pulley has torque, which friction holds"
         raise FileError(path, f"pulley.{bare}.friction", message)
-    state = jax.device_get(run_kept(contact_solution, drive, point, *asked(law, maximum)))
+    state = jax.device_get(
+        run_kept(contact_solution, *canonical(drive, point), *asked(law, maximum))
+    )
     why = diagnose_contact(drive, point, state)
     if why and why.impossible:
         raise FileError(path, why.key, why.message)

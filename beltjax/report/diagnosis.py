@@ -74,7 +74,7 @@ def _one_of(result: RESULTS, *members: RESULTS) -> bool:
 
 def _belt_diagnosis(drive: Drive, rule: BeltGiven) -> Diagnosis:
     turns = jnp.linspace(-_SWEEP, _SWEEP, 41) if drive.tensioner is not None else jnp.zeros(1)
-    paths = jax.vmap(lambda turn: layout(drive, turn).path_length)(turns)
+    paths = jax.vmap(lambda turn: layout(drive, turn, throw=False).path_length)(turns)
     shortest, longest = float(jnp.min(paths)), float(jnp.max(paths))
     found = float(rule.belt_length)
     reach = f"{shortest:.4f} m" if len(turns) == 1 else f"{shortest:.4f} to {longest:.4f} m"

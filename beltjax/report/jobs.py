@@ -12,7 +12,8 @@ import jax
 from rich.console import RenderableType
 
 from beltjax.analysis.linearization import has_inertias
-from beltjax.analysis.sensitivity import sensitivities
+from beltjax.analysis.sensitivity import canonical_sensitivities, in_names_of
+from beltjax.drive.canonical import canonical
 from beltjax.drive.components import Drive
 from beltjax.drive.files import drive_bytes, load_drive
 from beltjax.errors import FileError
@@ -50,7 +51,9 @@ def analysis_job(path: str | os.PathLike[str], figure: str | None = None) -> Rep
     drive, point = load_drive(path)
     if figure:
         require_inertias(drive, path, "modes to draw need")
-    found = jax.device_get(run_kept(sensitivities, drive, point, MODES, BASIS))
+    numbers = canonical(drive, point)
+    found = jax.device_get(run_kept(canonical_sensitivities, *numbers, MODES, BASIS))
+    found = in_names_of(drive, point, found)
     why = diagnose(drive, point, found.steady)
     if why and why.impossible:
         raise FileError(path, why.key, why.message)

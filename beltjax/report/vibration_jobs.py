@@ -155,7 +155,9 @@ def _responses(
 
 
 def _response(drive, point, speeds, excitation, order, damping) -> Response:
-    return speed_response(drive, point, speeds, excitation, order=order, damping=damping)
+    return speed_response(
+        drive, point, speeds, excitation, order=order, damping=damping, throw=False
+    )
 
 
 def _vibrating(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint]:

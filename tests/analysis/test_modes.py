@@ -194,13 +194,16 @@ def test_a_divergent_drive_is_a_result():
     M, K = np.asarray(lin.mass), np.asarray(lin.stiffness)
     lowest = scipy.linalg.eigh(K, M, eigvals_only=True)[0]
     soft = with_stiffness(lin, -1.5 * lowest * lin.mass)
-    found = bj.modes(soft, 4)
+    found = bj.modes(soft, 4, throw=False)
     assert found.result == bj.RESULTS.drive_diverges
     # omega^2 = lowest - 1.5 lowest at rest: growth by its root.
     growth = np.sqrt(0.5 * lowest) / float(lin.scales.time)
     assert float(found.growth_rates[0]) == pytest.approx(growth, rel=1e-9)
     assert float(found.frequencies[0]) == 0.0
-    assert bj.modes(soft, 4, route="hermitian").result == bj.RESULTS.drive_diverges
+    unsolved = bj.modes(soft, 4, route="hermitian", throw=False)
+    assert unsolved.result == bj.RESULTS.drive_diverges
+    with pytest.raises(bj.AnalysisError, match="^The running drive is unstable without oscill"):
+        bj.modes(soft, 4)
 
 
 def test_flutter_is_a_result():
@@ -208,7 +211,7 @@ def test_flutter_is_a_result():
     size = len(lin.mass)
     follower = np.zeros((size, size))
     follower[0, 1], follower[1, 0] = 400.0, -400.0  # a circulatory force: not from an energy
-    found = bj.modes(with_stiffness(lin, jnp.asarray(follower)), size, route="general")
+    found = bj.modes(with_stiffness(lin, jnp.asarray(follower)), size, route="general", throw=False)
     assert found.result == bj.RESULTS.drive_flutters
     assert float(jnp.max(found.growth_rates)) > 0
 
@@ -288,6 +291,6 @@ def test_missing_inertia_is_named():
 def test_failed_steady_state_travels():
     drive, _ = example("three_pulley")
     steady = bj.steady_state(drive, bj.OperatingPoint(belt_speed=500.0), throw=False)
-    found = bj.modes(bj.linearize(steady, bj.Sine(2)), 4)
+    found = bj.modes(bj.linearize(steady, bj.Sine(2), throw=False), 4, throw=False)
     assert found.result == steady.result != bj.RESULTS.successful
     assert np.all(np.isfinite(found.frequencies))

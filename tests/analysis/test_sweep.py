@@ -116,7 +116,8 @@ def test_modes_of_one_gyroscopic_system_are_orthogonal():
 
 def _modes_at(drive, point, speed):
     moved = eqx.tree_at(lambda p: p.belt_speed, point, speed)
-    return bj.modes(bj.linearize(bj.steady_state(drive, moved), BASIS), route="hermitian")
+    lin = bj.linearize(bj.steady_state(drive, moved), BASIS, throw=False)
+    return bj.modes(lin, route="hermitian", throw=False)
 
 
 @pytest.fixture(scope="module")

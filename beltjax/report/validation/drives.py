@@ -51,7 +51,9 @@ def oriented(drive: bj.Drive, angle: Any) -> bj.Drive:
     The pulley stays and the pivot moves round it, as in the source, whose r_t and angles are
     rounded: they do not follow from its centers to their last digit.
     """
-    x, y = jnp.sum(bj.layout(drive).directions[:2], axis=0)  # halfway between the two spans
+    x, y = jnp.sum(
+        bj.layout(drive, throw=False).directions[:2], axis=0
+    )  # halfway between the two spans
     arm = jnp.arctan2(y, x) + angle
     pivot = drive.pulleys[1].center - printed.ARM * jnp.stack([jnp.cos(arm), jnp.sin(arm)])
     return eqx.tree_at(lambda d: d.tensioner.pivot, drive, pivot)
@@ -83,7 +85,7 @@ def prototype(
 
 def stiffness_of(eps: Any) -> Any:
     """EI [N m^2] of the prototype."""
-    length = jnp.mean(bj.layout(as_printed()).span_lengths)
+    length = jnp.mean(bj.layout(as_printed(), throw=False).span_lengths)
     return eps**2 * printed.TENSION * length**2
 
 

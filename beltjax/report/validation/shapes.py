@@ -32,7 +32,8 @@ def _found(eps: Any, angle: Any) -> list[bj.Modes]:
 def _modes(eps, angle) -> bj.Modes:
     def at(eps, angle):
         found = bj.steady_state(*prototype(eps, angle=angle), throw=False)
-        return bj.modes(bj.linearize(found), 12, route="hermitian")
+        lin = bj.linearize(found, throw=False)
+        return bj.modes(lin, 12, route="hermitian", throw=False)
 
     return eqx.filter_vmap(at)(eps, angle)
 

@@ -105,8 +105,8 @@ def _followed(shaped: np.ndarray, resisting: np.ndarray) -> Float[np.ndarray, "p
 def _held_modes(shaped, resisting):
     def at(shaped, resisting):
         found = bj.steady_state(*prototype(shaped), throw=False)
-        lin = bj.linearize(found, fixed_bending=resisting)
-        of = bj.modes(lin, COUNT + 4, route="hermitian")
+        lin = bj.linearize(found, fixed_bending=resisting, throw=False)
+        of = bj.modes(lin, COUNT + 4, route="hermitian", throw=False)
         return of.dimensionless, of.coordinates, lin.mass, lin.stiffness
 
     return eqx.filter_vmap(at)(shaped, resisting)

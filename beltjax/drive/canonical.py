@@ -1,0 +1,96 @@
+"""The form in which compiled programs take a drive: arrays alone, and no names of the user's.
+
+JAX compiles anew for every value that is not an array, and for every other pytree structure, of
+which names are a part. Public functions therefore bring their drives into this form before they
+enter compiled code, so that only the number of pulleys and the optional numbers present compile.
+"""
+
+import dataclasses
+import functools
+from typing import Any, TypeVar
+
+import jax
+import jax.numpy as jnp
+
+from beltjax.drive.components import Drive, OperatingPoint, as_complex, as_real
+
+Numbers = TypeVar("Numbers")
+_NAME = "drive"
+
+
+def strongly_typed(numbers: Numbers) -> Numbers:
+    """A result or an option whose floating-point leaves are strongly typed double arrays."""
+
+    def typed(leaf: Any) -> Any:
+        if isinstance(leaf, complex) or jnp.iscomplexobj(leaf):
+            return as_complex(leaf)
+        real = isinstance(leaf, float) or jnp.issubdtype(jnp.result_type(leaf), jnp.floating)
+        return as_real(leaf) if real else leaf
+
+    return jax.tree.map(typed, numbers)
+
+
+def canonical_name(place: int) -> str:
+    """The name that the pulley at that place of the list has in compiled programs."""
+    return f"pulley {place}"
+
+
+def canonical_drive(drive: Drive) -> Drive:
+    """`drive` with strongly typed arrays for numbers and canonical names for its pulleys."""
+    leaves, structure = jax.tree.flatten(drive)
+    return jax.tree.unflatten(_canonical_structure(structure), map(as_real, leaves))
+
+
+def canonical(drive: Drive, point: OperatingPoint) -> tuple[Drive, OperatingPoint]:
+    """`drive` and `point` as compiled programs take them.
+
+    Every pulley has a torque, 0 where none is given. The excitation, which concerns forced
+    vibration alone and is handed over separately there, is left out. Raises `KeyError` for a
+    torque on a pulley that the drive does not have.
+    """
+    for name in point.torque:
+        drive.pulley(name)
+    torque = {
+        canonical_name(i): point.torque.get(name, 0.0) for i, name in enumerate(drive.pulley_names)
+    }
+    point = dataclasses.replace(jax.tree.map(as_real, point), torque=torque, excitation=None)
+    return canonical_drive(drive), point
+
+
+def canonical_key(drive: Drive, key: str) -> str:
+    """The key of a number of the drive file with the canonical name of its pulley, if any."""
+    words = key.split(".")
+    place = {"pulley": 1, "operation": 2}.get(words[0])
+    if place is not None and words[place - 1] in ("pulley", "torque") and len(words) > place:
+        words[place] = canonical_name(drive.pulley(words[place]))
+    return ".".join(words)
+
+
+def restored(
+    numbers: tuple[Any, Any], drive: Drive, point: OperatingPoint
+) -> tuple[Drive, OperatingPoint]:
+    """A gradient of the canonical drive and point as one of `drive` and `point`.
+
+    The excitation has none and is left out; so are torques that `point` does not name.
+    """
+    of_drive, of_point = numbers
+    named = jax.tree.unflatten(jax.tree.structure(drive), jax.tree.leaves(of_drive))
+    torque = {name: of_point.torque[canonical_name(drive.pulley(name))] for name in point.torque}
+    return named, dataclasses.replace(of_point, torque=torque)
+
+
+@functools.lru_cache(maxsize=256)
+def _canonical_structure(structure: Any) -> Any:
+    """The pytree structure of a drive, its names replaced by canonical ones."""
+    drive = jax.tree.unflatten(structure, [0.0] * structure.num_leaves)
+    renamed = [_renamed(p, name=canonical_name(i)) for i, p in enumerate(drive.pulleys)]
+    return jax.tree.structure(_renamed(drive, name=_NAME, pulleys=tuple(renamed)))
+
+
+def _renamed(module: Any, **fields: Any) -> Any:
+    """`module` with these fields, without its checks: its leaves are placeholders."""
+    copy = object.__new__(type(module))
+    for field in dataclasses.fields(module):
+        value = fields.get(field.name, getattr(module, field.name))
+        object.__setattr__(copy, field.name, value)
+    return copy

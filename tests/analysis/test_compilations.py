@@ -1,0 +1,100 @@
+"""A new number, of whatever type, or a new name compiles nothing."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from compilations import TYPES, compilations, renamed, variants
+from drives import example
+
+import beltjax as bj
+
+BASIS = bj.Legendre(6)
+STEADY = {
+    "layout": lambda d, p: bj.layout(d),
+    "turned layout": lambda d, p: bj.layout(d, 0.01 * float(p.belt_speed)),
+    "reference_state": bj.reference_state,
+    "steady_state": bj.steady_state,
+    "perturbation": lambda d, p: bj.steady_state(d, p, bj.Perturbation()),
+    "collocation": lambda d, p: bj.steady_state(
+        d, p, bj.Collocation(intervals=8, tol=1e-3 + 1e-5 * float(p.belt_speed))
+    ),
+    "span_frequencies": lambda d, p: bj.span_frequencies(d, p, count=2),
+}
+
+
+def shaken(drive, point):
+    """All that vibrates, from the file's numbers to a peak."""
+    names = drive.pulley_names
+    lin = bj.linearize(bj.steady_state(drive, point), BASIS)
+    bj.linearize(bj.steady_state(drive, point), BASIS, fixed_bending=0.001 * speed_of(point))
+    bj.modes(lin, 3, damping=bj.Damping(modal=0.001 * speed_of(point)))
+    excitation = bj.Excitation(0.01 * speed_of(point), {names[-1]: 0.1 * speed_of(point)})
+    speeds = [20.0 + speed_of(point)]
+    bj.frequency_response(lin, speeds, excitation, names)
+    bj.speed_response(drive, point, speeds, excitation, order=speed_of(point), basis=BASIS)
+    bj.peak_response(lin, arm, 10.0 + speed_of(point), 90.0, excitation, names, points=8)
+
+
+def speed_of(point):
+    return float(point.belt_speed)
+
+
+def arm(response):
+    return jnp.abs(response.arm_rotation)
+
+
+def changes_of(function, drive, point):
+    """What each variant compiles after the first call."""
+    function(drive, point)
+    counts = {}
+    for name, other, at in variants(drive, point):
+        with compilations() as count:
+            jax.block_until_ready(jax.tree.leaves(function(other, at)))
+        counts[name] = count[0]
+    return counts
+
+
+@pytest.mark.parametrize("name", STEADY)
+def test_states(name):
+    drive, point = example("three_pulley")
+    assert changes_of(STEADY[name], drive, point) == dict.fromkeys(TYPES, 0)
+
+
+def test_vibration():
+    drive, point = example("three_pulley")
+    assert changes_of(shaken, drive, point) == dict.fromkeys(TYPES, 0)
+
+
+def test_moving_beam():
+    bj.moving_beam_modes(0.02, 0.5)
+    for name, typed in TYPES.items():
+        with compilations() as count:
+            bj.moving_beam_modes(0.03, typed(0), count=4)
+        assert count == [0], name
+
+
+def test_sweep():
+    drive, point = example("three_pulley")
+    other = renamed(drive, point, " other")
+
+    def swept(drive, point, values):
+        name = f"pulley.{drive.pulley_names[2]}.radius"
+        return bj.sweep(drive, point, name, values, count=2, basis=BASIS, depth=0)
+
+    swept(drive, point, [0.027, 0.028])
+    with compilations() as count:
+        swept(*other, np.array([0.027, 0.029, 0.031]))
+    assert count == [0]
+
+
+def test_gradients_keep_the_names():
+    drive, point = renamed(*example("three_pulley"), " renamed")
+
+    def total(drive, point):
+        return bj.steady_state(drive, point).coupling.sum()
+
+    of_drive, of_point = jax.grad(total, (0, 1))(drive, point)
+    assert of_drive.pulley_names == drive.pulley_names
+    assert of_drive.name == drive.name
+    assert jax.tree.structure(of_point) == jax.tree.structure(point)
