@@ -54,6 +54,7 @@ if TYPE_CHECKING:
         belt_overstretched: "RESULTS"
         arm_at_stop: "RESULTS"
         span_slack: "RESULTS"
+        belt_stiff_on_pulley: "RESULTS"
         steady_state_not_found: "RESULTS"
         beam_unusable: "RESULTS"
         beyond_critical_speed: "RESULTS"
@@ -64,6 +65,7 @@ if TYPE_CHECKING:
         singular_system: "RESULTS"
         drive_diverges: "RESULTS"
         drive_flutters: "RESULTS"
+        span_slackens: "RESULTS"
         response_not_finite: "RESULTS"
         frequencies_not_isolated: "RESULTS"
         belt_too_stiff: "RESULTS"
@@ -128,6 +130,11 @@ else:
             "A span has lost its tension. Raise the pretension or lower the belt speed or the "
             "torques; `reference.tensions` shows the spans' tensions at rest."
         )
+        belt_stiff_on_pulley = (
+            "The belt is stiff for a pulley: sqrt(EI/T)/radius is above 0.15, so that it touches "
+            "elsewhere than a string would. `steady.stiffness_ratios` shows which pulley; "
+            "`contact_state` finds where the belt really touches."
+        )
         steady_state_not_found = (
             "The search for the running tension did not end. Look for a number that is far out of "
             "the ordinary: bending stiffness, tension, belt speed."
@@ -171,6 +178,11 @@ else:
         drive_flutters = (
             "The running drive is unstable: an oscillation grows. Lower the belt speed or raise "
             "the pretension; `growth_rates` shows which mode."
+        )
+        span_slackens = (
+            "The fluctuation of a span's tension exceeds its running tension: there it goes slack, "
+            "and linear amplitudes do not hold. `response.slack_factors` shows which span and from "
+            "which part of the excitation on; lower that, or raise the tension."
         )
         response_not_finite = (
             "No finite motion answers this excitation: it is at a resonance without damping, or "

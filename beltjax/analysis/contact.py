@@ -22,6 +22,7 @@ from beltjax.drive.groups import ContactGroups, Scales, TravelOrder, contact_gro
 from beltjax.drive.layout import layout
 from beltjax.drive.usable import harmless, usable
 from beltjax.numerics.lanes import in_lanes_of
+from beltjax.numerics.slopes import differentiated_once
 from beltjax.physics import contact as physics
 from beltjax.physics import contact_search as search
 from beltjax.results import (
@@ -97,8 +98,9 @@ def contact_state(
     A state that was found but is not physical (`gross_slip`, `wrap_vanished`, `arm_at_stop`, or an
     arm turned to where `layout` fails) keeps its values and derivatives with `throw=False`.
     `belt_too_stiff`, `contact_pressure_lost`, `contact_not_found`, and the results of the drawn
-    layout and of the numbers themselves leave finite placeholders with zero derivatives. Raises
-    `ValueError` where a pulley with torque has no friction.
+    layout and of the numbers themselves leave finite placeholders with zero derivatives. Second
+    derivatives are NaN where the tension is given. Raises `ValueError` where a pulley with torque
+    has no friction.
     """
     return _contact(drive, point, law, False, throw)
 
@@ -190,6 +192,10 @@ def contact_solution(drive: Drive, point: OperatingPoint, law, maximum) -> Conta
     )
     found = succeeded(missing)
     state = _state(drive, travel, scales, model, solved, drawn.arm_angle, found, result)
+    if isinstance(drive.installation, TensionGiven):
+        # The belt at rest and the running belt are found in one scan, in which JAX (0.10 to 0.12)
+        # forgets custom rules when it differentiates forward over reverse.
+        state = differentiated_once(state)
     return frozen_where_failed(state, missing)
 
 

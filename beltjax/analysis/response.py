@@ -72,6 +72,7 @@ class Response(eqx.Module):
     slack_factors: Float[Array, "points spans"]
     coordinates: Complex[Array, "points size"] | None  # in the linearization's basis; None: exact
     result: RESULTS
+    warning: RESULTS  # `span_slackens` where a slack factor is below 1
 
 
 def frequency_response(
@@ -218,6 +219,7 @@ def _in_newtons(lin, frequencies, z, rotations, arm, strains, peaks, crank) -> R
         slack_factors=slack,
         coordinates=z,
         result=lin.result,
+        warning=first_failure((jnp.any(slack < 1), RESULTS.span_slackens)),
     )
     parts = rotations, arm, answer.span_peaks, tensions, answer.hub_loads
     finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(part)) for part in parts]))
@@ -268,12 +270,14 @@ def _over_speeds(drive, point, driver_speeds, shaken, order, damping, basis) -> 
         steady = steady_state(drive, moved, throw=False)
         lin = linearize(steady, basis, throw=False)
         found = _response(lin, order * speed[None], *shaken, damping, False)
-        result = found.result
-        flat = eqx.tree_at(lambda r: r.result, found, None)
-        return jax.tree.map(lambda x: x[0], flat), result
+        outcomes = found.result, found.warning
+        flat = eqx.tree_at(lambda r: (r.result, r.warning), found, (None, None))
+        return jax.tree.map(lambda x: x[0], flat), outcomes
 
-    fields, result = jax.vmap(at)(driver_speeds)
-    return eqx.tree_at(lambda r: r.result, fields, result, is_leaf=lambda leaf: leaf is None)
+    fields, outcomes = jax.vmap(at)(driver_speeds)
+    return eqx.tree_at(
+        lambda r: (r.result, r.warning), fields, outcomes, is_leaf=lambda leaf: leaf is None
+    )
 
 
 def peak_response(

@@ -25,6 +25,8 @@ from beltjax.results import (
     succeeded,
 )
 
+STIFFEST = 0.15  # sqrt(EI/T)/radius above which a state of fixed contact points is off
+
 
 class AbstractSteadyMethod(eqx.Module):
     """A way to find the steady state and to describe the spans' shapes."""
@@ -96,11 +98,16 @@ class SteadyState(eqx.Module):
     running_tensions: Float[Array, " spans"]  # P_i + T P0 [N]
     effective_tensions: Float[Array, " spans"]  # Q_i = P_i - s^2 + T, over P0
     effectiveness: Float[Array, ""]  # eta of the string at rest (3.95); 0 without a tensioner
+    # sqrt(EI/T)/radius, T the smaller effective tension beside the pulley: how far the belt's
+    # bending reaches beside the pulley's size. Above `STIFFEST` the contact points of a string,
+    # which this state assumes, are off, and with them tensions and Gamma.
+    stiffness_ratios: Float[Array, " pulleys"]
     groups: Groups
     scales: Scales
     reference: ReferenceState
     error: Float[Array, ""]  # residual of (3.41) before the last Newton step: an upper bound
     result: RESULTS
+    warning: RESULTS  # what limits the trust in a success; `successful` where nothing does
     stats: dict[str, Array]
     method: AbstractSteadyMethod
 
@@ -162,18 +169,25 @@ def _steady_state(drive: Drive, point: OperatingPoint, method: AbstractSteadyMet
         (_running_past_stop(drive, reference, solved), RESULTS.arm_at_stop),
     )
     runs = succeeded(result)
+    Q = jnp.where(runs, solved.Q, 1.0)
+    stiffness_ratios = groups.bending / (
+        groups.radius_ratios * jnp.sqrt(jnp.minimum(Q, jnp.roll(Q, 1)))
+    )
+    stiff = runs & (jnp.max(stiffness_ratios) > STIFFEST)
     steady = SteadyState(
         coupling=jnp.where(runs, method.coupling(model, solved), 0.0),
         tension_change=jnp.where(runs, solved.T, 0.0),
         arm_rotation=jnp.where(runs, solved.th, 0.0),
         running_tensions=reference.tensions + jnp.where(runs, solved.T, 0.0) * scales.tension,
-        effective_tensions=jnp.where(runs, solved.Q, 1.0),
+        effective_tensions=Q,
         effectiveness=jnp.where(rested, physics.effectiveness(model), 0.0),
+        stiffness_ratios=stiffness_ratios,
         groups=groups,
         scales=scales,
         reference=reference,
         error=solved.residual,
         result=result,
+        warning=first_failure((stiff, RESULTS.belt_stiff_on_pulley)),
         stats={"steps": solved.steps, "reference_steps": reference.stats["steps"]},
         method=method,
     )

@@ -9,11 +9,13 @@ has the eigenvalues +-omega, all real, with orthogonal vectors of unit energy
 omega^2 v*Mv + v*Kv = 1. Damped and unstable systems need the general eigenproblem.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float
+
+from beltjax.numerics.slopes import without_derivative
 
 Matrix = Float[Array, "size size"]
 Vectors = Complex[Array, "count size"]
@@ -176,21 +178,10 @@ def eigenvalues(values: Array, held: Forms) -> Complex[Array, " count"]:
 @eigenvalues.defjvp
 def _eigenvalues_jvp(primals, tangents):
     (values, held), (_, moved) = primals, tangents
-    held = _differentiated_once(held)
+    held = without_derivative(held)  # which would lack the motion of the vectors
     change = values**2 * moved.mass + values * moved.damping + moved.stiffness
     slope = 2 * values * held.mass + held.damping
     return values, -change / jnp.where(slope == 0, 1.0, slope)
-
-
-@jax.custom_jvp
-def _differentiated_once(numbers: Any) -> Any:
-    """`numbers`, whose derivatives would lack the motion of vectors that are held: they are NaN."""
-    return numbers
-
-
-@_differentiated_once.defjvp
-def _differentiated_once_jvp(primals, tangents):
-    return *primals, jax.tree.map(lambda tangent: jnp.nan * tangent, *tangents)
 
 
 @jax.custom_jvp
@@ -205,7 +196,7 @@ def eigenvectors(M: Matrix, C: Matrix, K: Matrix, values: Array, vectors: Vector
 
 @eigenvectors.defjvp
 def _eigenvectors_jvp(primals, tangents):
-    M, C, K, values, vectors = _differentiated_once(primals)
+    M, C, K, values, vectors = without_derivative(primals)
     dM, dC, dK = tangents[:3]
 
     def moved(value, v):

@@ -55,3 +55,42 @@ def with_own_slopes(function: Callable[..., Float[Array, " m"]]) -> Callable[...
 
     held.defjvp(rule, symbolic_zeros=True)
     return held
+
+
+@jax.custom_jvp
+def without_derivative(numbers: Numbers) -> Numbers:
+    """`numbers`, whose derivatives are NaN rather than silently wrong."""
+    return numbers
+
+
+@without_derivative.defjvp
+def _without_derivative_jvp(primals, tangents):
+    return *primals, jax.tree.map(lambda tangent: jnp.nan * tangent, *tangents)
+
+
+def differentiated_once(numbers: Numbers) -> Numbers:
+    """`numbers` with their first derivatives; all second ones are NaN."""
+    arrays, rest = eqx.partition(numbers, eqx.is_inexact_array)
+    return eqx.combine(_differentiated_once(arrays), rest)
+
+
+@jax.custom_jvp
+def _differentiated_once(arrays: Numbers) -> Numbers:
+    return arrays
+
+
+@_differentiated_once.defjvp
+def _differentiated_once_jvp(primals, tangents):
+    (arrays,), (moved,) = primals, tangents
+    return arrays, jax.tree.map(lambda x, t: _one(x) * t, arrays, moved)
+
+
+@jax.custom_jvp
+def _one(x: Array) -> Array:
+    """1, whose derivative by x is NaN."""
+    return jnp.ones_like(x)
+
+
+@_one.defjvp
+def _one_jvp(primals, tangents):
+    return _one(*primals), jnp.nan * tangents[0]

@@ -71,9 +71,12 @@ def _draw_orders(axes: Axes, x, rotations, orders: Sequence[float], top: float) 
 
 
 def response_figure(
-    title: str, rpm: np.ndarray, panels: dict[str, dict[str, np.ndarray]]
+    title: str, rpm: np.ndarray, panels: dict[str, dict[str, np.ndarray]], slack: np.ndarray
 ) -> Figure:
-    """Amplitudes over the driver's speed: a panel for each kind, a curve for each part."""
+    """Amplitudes over the driver's speed: a panel for each kind, a curve for each part.
+
+    Speeds at which a span would go `slack` are hatched: linear amplitudes do not hold there.
+    """
     figure = Figure(figsize=(9.0, 2.3 * len(panels) + 0.8), layout="constrained")
     FigureCanvasAgg(figure)
     rows = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
@@ -83,6 +86,11 @@ def response_figure(
         axes.set_ylabel(kind, fontsize=9)
         axes.set_ylim(bottom=0)
         axes.grid(linewidth=0.3)
+        axes.fill_between(
+            rpm, 0, 1, where=slack, step="mid", transform=axes.get_xaxis_transform(),
+            facecolor="none", edgecolor="#b0b0b0", hatch="//", linewidth=0,
+            label="a span goes slack" if slack.any() else "_",
+        )  # fmt: skip
         _legend(axes)
     rows[0].set_title(title, fontsize=11, parse_math=False)
     rows[-1].set_xlabel("driver speed (rpm)")

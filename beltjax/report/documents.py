@@ -12,6 +12,7 @@ from beltjax.analysis.modes import Modes
 from beltjax.analysis.sensitivity import Sensitivities, named_numbers
 from beltjax.analysis.steady import SteadyState
 from beltjax.drive.components import Drive, OperatingPoint
+from beltjax.report.warnings import steady_warnings
 from beltjax.results import RESULTS, succeeded
 from beltjax.writing import write_whole
 
@@ -30,6 +31,7 @@ def analysis_document(drive: Drive, found: Sensitivities) -> dict[str, Any]:
         "drive": drive.name,
         "pulleys": list(drive.pulley_names),
         "success": running,
+        "warnings": steady_warnings(drive, steady),
         "layout": _layout(drive, steady),
         "reference": _reference(drive, steady, rested) if rests else None,
         "groups": _groups(steady) if rested else None,
@@ -87,6 +89,7 @@ def _steady(steady: SteadyState) -> dict[str, Any]:
         "tensions": plain(steady.running_tensions),
         "arm_rotation": plain(steady.arm_rotation),
         "coupling": plain(steady.coupling),
+        "stiffness_ratios": plain(steady.stiffness_ratios),
         "coupling_total": plain(np.sum(steady.coupling)),
     }
 

@@ -10,13 +10,16 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from beltjax.report.warnings import warning_lines
+
 _LARGEST_SENSITIVITIES = 8
 _FEW_OPTIMA = 4
 
 
 def analysis_tables(document: dict[str, Any], sizes: dict[str, Any]) -> Group:
     """The tables of `beltjax analyze`, from its JSON document and the numbers of the drive."""
-    parts = [_span_table(document), _pulley_table(document), _summary_table(document)]
+    parts = [*warning_lines(document), _span_table(document)]
+    parts += [_pulley_table(document), _summary_table(document)]
     if document["modes"]:
         parts.append(_mode_table(document["modes"]))
     if document["sensitivities"]:

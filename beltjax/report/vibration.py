@@ -12,6 +12,7 @@ from beltjax.drive.components import Drive
 from beltjax.report.curves import RPM
 from beltjax.report.documents import plain, span_label
 from beltjax.report.tables import number, plain_table
+from beltjax.report.warnings import response_warnings, warning_lines
 from beltjax.results import explanations
 
 _ROWS = 13  # of a sweep's table; every row is in the JSON and the NetCDF file
@@ -120,6 +121,7 @@ def response_document(
     return {
         "drive": drive.name,
         "success": bool(good.any()),
+        "warnings": response_warnings(drive, found),
         "order": order,
         "driver_speed_rpm": plain(speeds * RPM),
         "hertz": plain(order * speeds / (2 * np.pi)),
@@ -130,6 +132,7 @@ def response_document(
         "span_peak": {"amplitude": plain(kept(found.span_peaks))},
         "tension": complex_of(found.tensions),
         "hub_load": {"amplitude": plain(kept(found.hub_loads))},
+        "slack_factor": plain(np.min(kept(found.slack_factors)[good], axis=0, initial=np.inf)),
         "failures": failures,
     }
 
@@ -169,8 +172,9 @@ def response_tables(document: dict[str, Any]) -> Group:
                 rpm, hertz = document["driver_speed_rpm"][at], document["hertz"][at]
                 row = f"{curve[at]:.4g}", number(rpm, 0), number(hertz, 1)
                 table.add_row(escape(f"{kind}, {name}"), *row)
+    lines = warning_lines(document)
     failed = [text for text in document["failures"] if text]
     if not failed:
-        return Group(table)
+        return Group(*lines, table)
     count = len(document["failures"])
-    return Group(table, f"{len(failed)} of {count} speeds failed; the first: {failed[0]}")
+    return Group(*lines, table, f"{len(failed)} of {count} speeds failed; the first: {failed[0]}")

@@ -80,7 +80,7 @@ def response_job(
     drive, point = _vibrating(path)
     excitation = _excitation(path, drive, point, given)
     order = _order(point, given)
-    if not order > 0:
+    if not 0 < order < np.inf:
         raise FileError("--order", "", f"found {order:g}; give a positive order")
     speeds = asked("--speeds", lambda: read_range(given.speeds, "rad/s"))
     if not speeds[0] > 0:
@@ -94,7 +94,8 @@ def response_job(
         curves = importlib.import_module("beltjax.report.curves")
         title = f"{drive.name}: response to order {order:g}"
         rpm = np.array(document["driver_speed_rpm"])
-        picture = curves.response_figure(title, rpm, response_curves(document))
+        slack = np.min(np.asarray(found.slack_factors), axis=1) < 1
+        picture = curves.response_figure(title, rpm, response_curves(document), slack)
         files = ((figure, _picture(picture, figure)),)
     failure = _all_failed(path, "operation.driver_speed", explanations(found.result))
     return Report(document, response_tables(document), failure, files)

@@ -202,7 +202,7 @@ def test_a_divergent_drive_is_a_result():
     assert float(found.frequencies[0]) == 0.0
     unsolved = bj.modes(soft, 4, route="hermitian", throw=False)
     assert unsolved.result == bj.RESULTS.drive_diverges
-    with pytest.raises(bj.AnalysisError, match="^The running drive is unstable without oscill"):
+    with pytest.raises(bj.AnalysisError, match=r"^The running drive is unstable without oscill"):
         bj.modes(soft, 4)
 
 
