@@ -3,7 +3,7 @@
 import math
 import os
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +18,7 @@ from beltjax.errors import FileError
 
 from .points import PointTable, SiOrText, number_of, read_cases, require_of_drive
 from .quantities import is_many
-from .study import Choice, Limits, Option, Study, require_quantity, split_name
+from .study import METHODS, Choice, Limits, Method, Option, Study, require_quantity, split_name
 from .tolerances import RobustTable, ToleranceTable, read_scatter
 
 
@@ -61,9 +61,7 @@ class ParetoTable(Table):
 class OptimizerTable(Table):
     """[optimizer]."""
 
-    method: Literal["augmented-lagrangian", "slsqp", "trust-constr", "ipopt"] = (
-        "augmented-lagrangian"
-    )
+    method: Method = METHODS[0]
     starts: Annotated[int, Field(ge=1, le=100_000)] = 32
     seed: Annotated[int, Field(ge=0)] = 0
     sharpness: Annotated[float, Field(gt=0)] = 50.0

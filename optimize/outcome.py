@@ -15,7 +15,7 @@ from beltjax.results import RESULTS, succeeded
 
 from .conflicts import conflicting, least_violated
 from .optimality import Local, Look, Optimality, optimality, polished
-from .problem import Measured, Scales, Starts, drive_at, measured, values_at
+from .problem import Measured, Scales, Starts, drive_at, measured, true_objectives, values_at
 from .search import FEASIBLE, End, History, Search
 from .study import Study
 
@@ -41,7 +41,7 @@ class ConstraintReport(NamedTuple):
 class StartReport(NamedTuple):
     """How one start ended."""
 
-    final: float | None  # objective
+    final: float | None  # objective, with the true maximum over the operating points
     result: str
 
 
@@ -111,6 +111,8 @@ def report(
     """The design that a search found; `asked` constraints are the study's own."""
     size = float(begin.scales.objective)
     basins = _basins(found.ends, look)
+    reached = [end.x for end in found.ends] + [basin.at.x for basin in basins]
+    objectives = true_objectives(study, begin, np.array(reached))
     result, x = _outcome(found, basins)
     evidence, conflicts = None, ()
     at = look(x)
@@ -137,9 +139,10 @@ def report(
         as_drawn=None if drawn is None else float(drawn.worst),
         constraints=_constraint_reports(study, asked, begin.scales, (shown, drawn), prices),
         starts=tuple(
-            StartReport(e.objective * size if e.valid else None, e.ending) for e in found.ends
+            StartReport(float(true) if end.valid else None, end.ending)
+            for end, true in zip(found.ends, objectives, strict=False)
         ),
-        optima=_optima(study, size, basins, look),
+        optima=_optima(study, objectives[len(found.ends) :], basins, look),
         optimality=evidence,
         bounds=_bound_prices(study, evidence, size),
         conflicts=conflicts,
@@ -165,15 +168,17 @@ def _outcome(found: Search, basins: list[_Basin]) -> tuple[RESULTS, np.ndarray]:
     return none, found.ends[0].x
 
 
-def _optima(study, size: float, basins: list[_Basin], look: Look) -> tuple[Optimum, ...]:
+def _optima(
+    study: Study, objectives: np.ndarray, basins: list[_Basin], look: Look
+) -> tuple[Optimum, ...]:
     return tuple(
         Optimum(
             values_at(study, basin.at.x),
-            basin.at.f * size,
+            float(objective),
             basin.starts,
             optimality(basin.at, look, second=False).residual,
         )
-        for basin in basins
+        for objective, basin in zip(objectives, basins, strict=True)
     )
 
 

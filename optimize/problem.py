@@ -207,6 +207,7 @@ class Starts(NamedTuple):
     points: Float[Array, "starts variables"]
     scales: Scales
     parts: list[int]  # of each constrained quantity
+    surveyed: int  # designs that were measured to find them
 
 
 def starting_points(study: Study, warm: tuple[dict[str, float], ...] = ()) -> Starts:
@@ -227,7 +228,20 @@ def starting_points(study: Study, warm: tuple[dict[str, float], ...] = ()) -> St
     order = np.argsort(~valid, kind="stable")[: study.starts]
     ranges = jnp.stack([_spread(part[valid]) for part in found.greatest])
     scales = Scales(_spread(found.objective[valid]), ranges)
-    return Starts(jnp.asarray(points[order]), scales, [part.shape[1] for part in found.greatest])
+    return Starts(
+        jnp.asarray(points[order]), scales, [part.shape[1] for part in found.greatest], len(points)
+    )
+
+
+def true_objectives(study: Study, begin: Starts, points: np.ndarray) -> np.ndarray:
+    """Objectives [points] of designs in the unit box, with the true maximum over the cases.
+
+    What a search minimizes is smooth instead. The program is the one that surveyed the starting
+    points, whence as many designs are measured at once.
+    """
+    padded = np.resize(points, (max(begin.surveyed, len(points)), points.shape[1]))
+    found = jax.device_get(quickly_compiled(_survey)(study.asked, jnp.asarray(padded)))
+    return found.worst[: len(points)]
 
 
 def _spread(values: np.ndarray) -> Float[Array, ""]:

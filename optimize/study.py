@@ -1,7 +1,7 @@
 """Design studies: what may change, what is wanted, what must hold, and where it must hold."""
 
 import dataclasses
-from typing import NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import equinox as eqx
 import jax
@@ -13,6 +13,9 @@ from beltjax.drive.variables import variable_names
 
 from .measures import Scatter
 from .quantities import Quantity, is_forced, quantity
+
+Method = Literal["augmented-lagrangian", "slsqp", "trust-constr", "ipopt"]
+METHODS = get_args(Method)
 
 
 class Cases(eqx.Module):
@@ -61,7 +64,7 @@ class Study(eqx.Module):
     least one. A quantity is measured at every one of `cases` (at `point` where there are none),
     or by "NAME@CASE" at that one: limits hold at each, and each term of the objective is a soft
     maximum over them. With `scatter` limits and objective see what its tolerances make of them.
-    Raises `ValueError` for variables, quantities, numbers and cases that do not exist.
+    Raises `ValueError` for variables, quantities, numbers, cases and methods that do not exist.
     """
 
     drive: Drive
@@ -75,7 +78,7 @@ class Study(eqx.Module):
     name: str = eqx.field(static=True, default="study")
     cases: Cases | None = None
     scatter: Scatter | None = None
-    method: str = eqx.field(static=True, default="augmented-lagrangian")
+    method: Method = eqx.field(static=True, default=METHODS[0])
     sharpness: float = eqx.field(static=True, default=50.0)  # of the soft maximum
     time_limit: float | None = eqx.field(static=True, default=None)  # [s]
     choices: tuple[Choice, ...] = eqx.field(static=True, default=())
@@ -90,10 +93,11 @@ class Study(eqx.Module):
     @property
     def asked(self) -> "Study":
         """The study without what only a search needs: searches of all kinds compile it once."""
-        search = {"starts": 1, "seed": 0, "name": "", "method": "", "time_limit": None}
+        search = {"starts": 1, "seed": 0, "name": "", "method": METHODS[0], "time_limit": None}
         return dataclasses.replace(self, **search, choices=(), pareto=(), pareto_points=0)
 
     def __check_init__(self):
+        self._check_search()
         unknown = set(self.variables.names) - set(variable_names(self.drive))
         if unknown:
             raise ValueError(f"Study: no variables of this drive: {', '.join(sorted(unknown))}.")
@@ -108,6 +112,19 @@ class Study(eqx.Module):
                 require_quantity(name, self.drive, self.point, known)
             except KeyError as error:
                 raise ValueError(f"Study: {error.args[0]}.") from error
+
+    def _check_search(self) -> None:
+        if self.method not in METHODS:
+            known = ", ".join(map(repr, METHODS))
+            raise ValueError(f"Study: method {self.method!r} is not one of {known}.")
+        for name, least in (("starts", 1), ("seed", 0)):
+            number = getattr(self, name)
+            if not isinstance(number, int) or number < least:
+                raise ValueError(f"Study: {name} is a whole number from {least}, not {number!r}.")
+        for name in ("sharpness", "time_limit"):
+            number = getattr(self, name)
+            if number is not None and not number > 0:
+                raise ValueError(f"Study: {name} is positive, not {number!r}.")
 
 
 def require_quantity(

@@ -1,5 +1,6 @@
 """Contact mechanics: where the belt touches, adheres and slips (chapter 5)."""
 
+import dataclasses
 from typing import Literal, NamedTuple
 
 import equinox as eqx
@@ -8,7 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from beltjax.analysis.reference import LARGEST_STRAIN, beyond_stops, held_by_belt, resting
+from beltjax.analysis.reference import (
+    LARGEST_STRAIN,
+    beyond_stops,
+    held_by_belt,
+    held_by_tension,
+    resting,
+)
 from beltjax.drive.canonical import canonical
 from beltjax.drive.components import (
     BeltGiven,
@@ -19,7 +26,7 @@ from beltjax.drive.components import (
     concrete,
 )
 from beltjax.drive.groups import ContactGroups, Scales, TravelOrder, contact_groups
-from beltjax.drive.layout import layout
+from beltjax.drive.layout import Layout, layout
 from beltjax.drive.usable import harmless, usable
 from beltjax.numerics.lanes import in_lanes_of
 from beltjax.numerics.slopes import differentiated_once
@@ -90,10 +97,11 @@ def contact_state(
     """The running belt on its pulleys: contact points, arcs of slip and adhesion, tensions, speeds.
 
     Belt inertia, bending stiffness and creep; large rotations. Kong (2003), section 5, for any
-    number of pulleys on either face, with a tensioner or none; MODEL.md, section 4. With
-    `installation.tension`, that is the mean over the spans of the tension at half their length, at
-    rest without torques. `law="hyperelastic"` replaces T = EA e by EA e = T + EI kappa^2/2, under
-    which power in equals power out and friction.
+    number of pulleys on either face, with a tensioner or none; MODEL.md, section 4.
+    `installation.tension` is the mean over the spans of the tension at half their length, at
+    rest without torques; with `tension_of="string"` it is the tension of the same belt as a
+    string. `law="hyperelastic"` replaces T = EA e by EA e = T + EI kappa^2/2, under which power
+    in equals power out and friction.
 
     A state that was found but is not physical (`gross_slip`, `wrap_vanished`, `arm_at_stop`, or an
     arm turned to where `layout` fails) keeps its values and derivatives with `throw=False`.
@@ -158,6 +166,7 @@ def contact_solution(drive: Drive, point: OperatingPoint, law, maximum) -> Conta
     drawn = layout(drive, throw=False)
     drawable = succeeded(drawn.result)
     drive, point = harmless(drive, point, drawable)
+    drive = _with_the_string_s_belt(drive, drawn)
     start = _installed(drive, point)
     taken, scalable = _torques(drive, point, start.tension, maximum)
     groups, scales = contact_groups(drive, point, taken, start.tension)
@@ -207,6 +216,16 @@ class _Start(NamedTuple):
     length: Float[Array, ""]  # of the unstretched belt [m]; 1 where it follows from the tension
     wind_up: Float[Array, ""]  # drawn arm angle less free angle [rad]; 0 where it follows
     result: RESULTS  # of the string
+
+
+def _with_the_string_s_belt(drive: Drive, drawn: Layout) -> Drive:
+    """`drive`; where its tension is that of a string, with the belt and spring that gives it."""
+    rule = drive.installation
+    if not isinstance(rule, TensionGiven) or rule.tension_of != "string":
+        return drive
+    held = held_by_tension(drive, drawn, rule.tension)
+    free = None if drive.tensioner is None else drawn.arm_angle - held.wind_up
+    return dataclasses.replace(drive, installation=BeltGiven(held.length, free))
 
 
 def _installed(drive: Drive, point: OperatingPoint) -> _Start:

@@ -222,6 +222,11 @@ def _held_by_tensions(drive: Drive, drawn: Layout, tensions) -> Held:
     return Held(_unstretched(drive.belt.axial_stiffness, drawn, tensions), wind_up)
 
 
+def held_by_tension(drive: Drive, drawn: Layout, tension: Float[Array, ""]) -> Held:
+    """Belt and spring for which the drawn layout is at rest with this tension in every span."""
+    return _held_by_tensions(drive, drawn, jnp.full_like(drawn.span_lengths, tension))
+
+
 def held_by_belt(drawn: Layout, rule: BeltGiven) -> Held:
     """The belt of the rule, and how far the drawn arm winds its spring up."""
     wind_up = jnp.zeros(())

@@ -15,7 +15,7 @@ from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.numerics.bases import AbstractBasis
 
 # Choices kept as numbers for the compiler's sake, and tables of their own.
-_FLAGS = ("name", "face", "driver", "on_arm", "travel", "torque", "excitation")
+_FLAGS = ("name", "face", "driver", "on_arm", "travel", "torque", "excitation", "tension_of")
 
 Gradient = tuple[Drive, OperatingPoint]
 

@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 
 SIDES = {"grooved": 1.0, "back": -1.0}
 SENSES = {"counterclockwise": 1.0, "clockwise": -1.0}
+TENSIONS_OF = ("belt", "string")
 TRAVELS = {"listed": 1.0, "opposite": -1.0}
 
 
@@ -135,7 +136,12 @@ class Tensioner(eqx.Module):
 
 
 class TensionGiven(eqx.Module):
-    """The drawn layout is the torque-free state and `tension` its tension.
+    """The drawn layout is the torque-free state and `tension` its tension at rest.
+
+    That is the tension in the middle of the free spans. `steady_state` takes the belt for a string
+    there, which for a belt that is stiff for its pulleys it is not: `contact_state` finds the
+    belt whose real tension this is, or with `tension_of="string"` the belt that would have this
+    tension if it were a string, the one that `steady_state` is about.
 
     They fix the unstretched length of the belt and the free angle of the arm; torques then
     move the arm and the tensions. `span_tensions`, for comparison with print, names the
@@ -144,6 +150,12 @@ class TensionGiven(eqx.Module):
 
     tension: Float[Array, ""] = eqx.field(converter=as_real)  # P0 [N]
     span_tensions: Float[Array, " spans"] | None = eqx.field(converter=as_optional, default=None)
+    tension_of: str = eqx.field(static=True, default="belt")
+
+    def __check_init__(self):
+        if self.tension_of not in TENSIONS_OF:
+            known = ", ".join(map(repr, TENSIONS_OF))
+            raise ValueError(f"TensionGiven: tension_of {self.tension_of!r} is not one of {known}.")
 
 
 class BeltGiven(eqx.Module):

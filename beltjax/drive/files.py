@@ -82,6 +82,7 @@ class InstallationTable(Table):
 
     tension: Annotated[Newton, Positive] | None = None
     span_tensions: list[Newton] | None = None
+    tension_of: Literal["belt", "string"] = "belt"
     belt_length: Annotated[Meter, Positive] | None = None
     free_angle: Radian | None = None
 
@@ -165,7 +166,7 @@ def drive_content(drive: Drive, point: OperatingPoint) -> dict[str, Any]:
         "belt": _numbers(drive.belt),
         "pulley": [_pulley_content(pulley) for pulley in drive.pulleys],
         "tensioner": None if arm is None else {"pulley": carried[0]} | _numbers(arm),
-        "installation": _numbers(rule),
+        "installation": _installation_content(rule),
         "operation": _numbers(point, skip=("torque", "travel", "excitation"))
         | {
             "travel": _word(TRAVELS, point.travel),
@@ -182,6 +183,12 @@ def _pulley_content(pulley: Pulley) -> dict[str, Any]:
     content = {"name": pulley.name} | _numbers(pulley, skip=("name", "face", "driver", "on_arm"))
     content["face"] = _word(SIDES, pulley.face)
     return content | ({"driver": True} if float(pulley.driver) else {})
+
+
+def _installation_content(rule: TensionGiven | BeltGiven) -> dict[str, Any]:
+    content = _numbers(rule, skip=("tension_of",))
+    usual = isinstance(rule, BeltGiven) or rule.tension_of == "belt"
+    return content if usual else content | {"tension_of": rule.tension_of}
 
 
 def _numbers(part: Any, skip: tuple[str, ...] = ()) -> dict[str, Any]:
@@ -206,7 +213,7 @@ def _drive(file: DriveTable, sense: str) -> Drive:
     arm = file.tensioner and Tensioner(**file.tensioner.model_dump(exclude={"pulley"}))
     rule = file.installation
     if rule.tension is not None:
-        installation = TensionGiven(rule.tension, rule.span_tensions)
+        installation = TensionGiven(rule.tension, rule.span_tensions, rule.tension_of)
     else:
         installation = BeltGiven(rule.belt_length, rule.free_angle)
     return Drive(
@@ -281,6 +288,8 @@ def _require_installation(file: DriveTable, path: object) -> None:
     if rule.tension is not None and rule.free_angle is not None:
         raise FileError(path, f"{key}.free_angle", "goes with belt_length; remove it")
     if rule.belt_length is not None:
+        if rule.tension_of != "belt":
+            raise FileError(path, f"{key}.tension_of", "goes with tension; remove it")
         if rule.span_tensions is not None:
             raise FileError(path, f"{key}.span_tensions", "goes with tension; remove it")
         if file.tensioner and rule.free_angle is None:

@@ -8,6 +8,7 @@ from rich.markup import escape
 
 from beltjax.analysis.contact import ContactState
 from beltjax.drive.components import BeltGiven, Drive, OperatingPoint
+from beltjax.drive.layout import layout
 from beltjax.report.diagnosis import Diagnosis, speed_key
 from beltjax.report.documents import plain
 from beltjax.report.tables import number, plain_table
@@ -30,12 +31,24 @@ def contact_document(drive: Drive, state: ContactState) -> dict[str, Any]:
         "driver_moment": plain(state.driver_moment) if found else None,
         "driven_moment": driven if found and two else None,
         "torque_factor": plain(state.torque_factor) if found else None,
+        "string_tension": _string_tension(drive, state) if found else None,
         "arm_angle": plain(state.arm_angle) if found else None,
         "free_angle": plain(state.free_angle) if found else None,
         "unstretched_speed": plain(state.unstretched_speed) if found else None,
         "mass_flow": plain(state.mass_flow) if found else None,
         "message": "" if state.feasible else explanation(state.result),
     }
+
+
+def _string_tension(drive: Drive, state: ContactState) -> float | None:
+    """Tension [N] that the belt would have as a string in the drawn layout, without torque.
+
+    None where the belt is given and an arm moves, so that the drawn layout is not the one at rest.
+    """
+    if isinstance(drive.installation, BeltGiven) and drive.tensioner is not None:
+        return None
+    path = float(layout(drive, throw=False).path_length)
+    return float(drive.belt.axial_stiffness) * (path / float(state.unstretched_length) - 1)
 
 
 def _pulleys(drive: Drive, state: ContactState) -> list[dict[str, Any]]:
@@ -106,6 +119,7 @@ def _summary(document: dict[str, Any]):
         ("driver's moment", document["driver_moment"], 4, "N m"),
         ("factor on the torques", document["torque_factor"], 4, ""),
         ("belt length, unstretched", document["unstretched_length"], 6, "m"),
+        ("tension of that belt as a string", document["string_tension"], 2, "N"),
         ("mass flow", document["mass_flow"], 4, "kg/s"),
     ]
     for label, value, digits, unit in rows:
