@@ -16,7 +16,10 @@ from typing import Any, NoReturn
 
 import click
 
-INVALID, FAILED, INTERRUPTED = 1, 2, 130
+import beltjax
+from beltjax.errors import FileError
+
+INVALID, FAILED = 1, 2
 PICTURES = (".png", ".pdf", ".svg")
 METHODS = ("augmented-lagrangian", "slsqp", "trust-constr", "ipopt")
 
@@ -28,7 +31,7 @@ _figure_option = click.option("--figure", metavar="FILE.png", help="Write a pict
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(package_name="beltjax")
+@click.version_option(beltjax.__version__)
 def cli() -> None:
     """Analysis and design of serpentine belt drives."""
 
@@ -254,37 +257,31 @@ def contact(
     _finish(report, json_path)
 
 
-def main() -> NoReturn:
-    """Run the command line, turning every error into one line and an exit status."""
-    try:
-        _run()
-    except KeyboardInterrupt:
-        _quit("interrupted; nothing more was written", INTERRUPTED)
-    sys.exit(0)
-
-
-def _run() -> None:
+def run() -> int:
+    """Run the command line: the exit status; every error is one line."""
     _spare_collector()
     # Small eigenproblems: a second thread of OpenBLAS only waits, for seconds on a busy machine.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Imported here, where an interrupt is caught: it brings in JAX, which takes a second.
-    from beltjax.errors import FileError
-
     warnings.simplefilter("ignore")  # of libraries: about fonts, caches, platforms
     try:
         with cli.make_context("beltjax", sys.argv[1:]) as context:
             cli.invoke(context)
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.ctx.get_help())
-        sys.exit(INVALID)
+        return INVALID
     except click.exceptions.Exit as end:
-        sys.exit(end.exit_code)
+        return int(end.exit_code)
     except click.ClickException as error:
         _quit(error.format_message(), INVALID)
     except FileError as error:
         _quit(str(error), INVALID)
+    except BrokenPipeError:
+        # Whoever read the output has seen enough; nothing can be told any more.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
     except OSError as error:
         _quit(f"{error.filename}: cannot be written ({error.strerror})", INVALID)
+    return 0
 
 
 def _spare_collector() -> None:
@@ -400,7 +397,3 @@ def _finish(report: Any, json_path: str | None) -> None:
             click.echo(f"wrote {', '.join(written)}")
     if report.failure:
         _quit(report.failure, FAILED)
-
-
-if __name__ == "__main__":
-    main()

@@ -195,11 +195,11 @@ def test_bad_study_is_one_line_and_writes_nothing(case, run, tmp_path):
 
 def test_fresh_process_sets_double_precision_and_handles_an_interrupt(tmp_path):
     code = (
-        "import beltjax.cli, beltjax.report.jobs as jobs, sys\n"
+        "import beltjax.__main__, beltjax.report.jobs as jobs, sys\n"
         "def stop(path, figure): raise KeyboardInterrupt\n"
         "jobs.analysis_job = stop\n"
         "sys.argv = ['beltjax', 'analyze', 'x.toml', '--json', 'out.json']\n"
-        "beltjax.cli.main()"
+        "beltjax.__main__.main()"
     )
     ended = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=120
