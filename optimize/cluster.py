@@ -5,6 +5,7 @@ import contextlib
 import functools
 import importlib
 import logging
+import os
 import pickle
 from collections.abc import Iterable, Iterator
 from typing import Any
@@ -17,14 +18,19 @@ from .batches import Columns, Question, batch_columns, library_versions
 _IN_FLIGHT = 2  # batches a worker holds, so that none waits for the next
 _KEPT = "what is written is intact: repeat the command to go on"
 _PATIENCE = 20.0  # [s] for a scheduler to answer
+_WORKERS_PER_PROCESSOR = 4  # more than one only wait for each other, and take memory
 
 
 @contextlib.contextmanager
-def cluster(workers: int, scheduler: str | None) -> Iterator[Any]:
+def cluster(workers: int | None, scheduler: str | None) -> Iterator[Any]:
     """A client of the scheduler at that address or, without one, of `workers` local processes.
 
-    Raises `ValueError` where Dask is missing or no scheduler answers.
+    Raises `ValueError` where Dask is missing, no scheduler answers, or there are no workers or
+    more than four for each processor.
     """
+    most = _WORKERS_PER_PROCESSOR * (os.cpu_count() or 1)
+    if workers is not None and not 1 <= workers <= most:
+        raise ValueError(f"workers: found {workers}; give 1 to {most} on this machine.")
     try:
         distributed = importlib.import_module("distributed")
     except ImportError as error:
