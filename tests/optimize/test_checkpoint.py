@@ -8,11 +8,11 @@ import re
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from beltjax.optimize.checkpoint import Checkpoint
 from drives import EXAMPLES
 
 import beltjax as bj
 
+Checkpoint = bj.optimize.checkpoint.Checkpoint
 POINTS = jnp.arange(12.0).reshape(4, 3)
 STATE = {"x": np.sqrt(np.arange(40.0)), "paths": np.full((2, 3, 2), np.nan), "valid": np.True_}
 
