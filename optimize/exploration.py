@@ -78,7 +78,7 @@ def explore(
         Store(store, record, columns, designs.total, size) as kept,
     ):
         if kept.damage:
-            warnings.warn(f"{store}: {kept.damage}", DamageWarning, stacklevel=2)
+            warnings.warn(f"{store} {kept.damage}", DamageWarning, stacklevel=2)
         pending = kept.pending()
         tell("compiling", kept.designs_done, designs.total)
         points = designs.walk(map(kept.span, pending))

@@ -141,7 +141,7 @@ def read_marks(done: Any) -> tuple[UInt64[np.ndarray, " batches"], list[int]]:
 
 
 def numbered(batches: Iterable[int], most: int = 8) -> str:
-    """Batches as people count them, in a line that stays short: "3, 5 and 12 more"."""
+    """Batches as people count them, in a line that stays short: "batches 3, 5 and 12 more"."""
     numbers = [str(batch + 1) for batch in batches]
     more = f" and {len(numbers) - most} more" if len(numbers) > most else ""
-    return ", ".join(numbers[:most]) + more
+    return f"{'batch' if len(numbers) == 1 else 'batches'} {', '.join(numbers[:most])}{more}"

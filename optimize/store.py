@@ -228,12 +228,10 @@ class Store:
             torn.unlink()
 
     def _damage(self, mended: bool) -> str:
-        parts = ["its metadata were damaged and are written anew"] if mended else []
+        parts = ["its metadata"] * mended
         if self._damaged:
-            which = f"(number {numbered(self._damaged)})"
-            count = f"{len(self._damaged)} of {len(self.done)} batches {which}"
-            parts.append(f"{count} were damaged and are computed anew")
-        return "; ".join(parts)
+            parts.append(f"{numbered(self._damaged)} (of {len(self.done)})")
+        return f"was damaged; made anew: {', '.join(parts)}" if parts else ""
 
     @contextlib.contextmanager
     def _saving(self, doing: str) -> Iterator[None]:
@@ -261,10 +259,10 @@ def open_exploration(path: str | os.PathLike[str]) -> "xarray.Dataset":
     if metadata:
         parts.append(f"its metadata ({', '.join(f'{name}/{METADATA}' for name in metadata)})")
     if batches:
-        parts.append(f"{len(batches)} of its {total} batches (number {numbered(batches)})")
+        parts.append(numbered(batches))
     if parts:
-        kept = f"{intact} batches are intact"
-        message = f"{' and '.join(parts)} are damaged or incomplete; {kept}; {_REPEAT}"
+        what = f"is damaged or incomplete: {', '.join(parts)}"
+        message = f"{what}; {intact} of {total} batches are intact; {_REPEAT}"
         raise FileError(path, "", message)
     return dataset(folder)
 
@@ -285,7 +283,7 @@ def _checked_root(folder: Path) -> dict[str, Any]:
     if root is not None:
         return root
     if QUESTION in attributes(read_document(folder / DONE / METADATA)):
-        message = f"its metadata ({METADATA}) are damaged; its batches are left as they are"
+        message = f"is damaged: its metadata ({METADATA}); its batches are left as they are"
         raise FileError(folder, "", f"{message}; {_REPEAT}")
     raise FileError(folder, "", f"{_unknown(folder)}; `xarray.open_zarr` may read it, unchecked")
 

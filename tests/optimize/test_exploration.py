@@ -277,7 +277,7 @@ def test_command_mends_a_damaged_store_and_says_so(run, whole, tmp_path):
     (store / "coupling" / "c" / "3").unlink()
     status, out, err = run(*SAMPLED, "--out", "s.zarr", "--json", "s.json")
     assert (status, err) == (0, "")
-    told = "s.zarr: 1 of 7 batches (number 4) were damaged and are computed anew"
+    told = "s.zarr was damaged; made anew: batch 4 (of 7)"
     assert told in out
     document = json.loads((tmp_path / "s.json").read_text())
     assert (document["repaired"], document["designs_before"]) == ([told], 42)
