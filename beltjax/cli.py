@@ -143,7 +143,7 @@ def sweep(
 )
 @click.option("--modes", default=0, show_default=True, help="Lowest frequencies to find.")
 @click.option("--batch", type=int, metavar="N", help="Designs computed and written at once.")
-@click.option("--workers", default=0, metavar="N", help="Processes on this machine, by Dask.")
+@click.option("--workers", type=int, metavar="N", help="Processes on this machine, by Dask.")
 @click.option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster, tcp://HOST:PORT.")
 @_json_option
 def explore(

@@ -37,6 +37,7 @@ from .robust import robust_value as robust_value
 from .robust import robustness as robustness
 from .robust import sensitivity_indices as sensitivity_indices
 from .search import History as History
+from .store import DamageWarning as DamageWarning
 from .store import open_exploration as open_exploration
 from .study import Cases as Cases
 from .study import Choice as Choice

@@ -25,16 +25,17 @@ def minimize(
     state is kept in that file, and the same study goes on from it.
 
     Never raises for a study without a solution: read `.result`, `.constraints` and `.conflicts`.
-    Raises `ValueError` for a checkpoint of another study.
+    Raises `ValueError` for a checkpoint of another study or a damaged one, and for `warm` designs
+    that lack a variable or have one that is not finite.
     """
     tell = advance or (lambda stage, done, total: None)
     deadline = deadline_of(study)
+    kept = Checkpoint(checkpoint) if checkpoint else None  # read before the work
     asked = len(study.constraints.names)
     study = with_implied_constraints(study)
     tell("compiling", 0, None)
     begin = starting_points(study, warm)
     rows = limited_rows(study, begin.parts)
     look = looking(study, begin.scales, rows)
-    kept = Checkpoint(checkpoint, study, begin.points) if checkpoint else None
     found = search(study, begin, Means(look, tell, deadline, kept))
     return report(study, asked, begin, rows, look, found)

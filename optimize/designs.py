@@ -10,8 +10,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import qmc
 
-# A Sobol sequence of SciPy's default 30 bits ends there.
-MOST_SAMPLES = 2**30
+# A Sobol sequence of SciPy's default 30 bits ends there. Grids end there, too: their answers to one
+# quantity take 8 GB.
+MOST_DESIGNS = 2**30
 
 Span = tuple[int, int]  # of designs, the end excluded
 
@@ -20,7 +21,8 @@ Span = tuple[int, int]  # of designs, the end excluded
 class Grid:
     """Every combination of the values of some numbers, by their keys in the drive file [SI].
 
-    The last number varies fastest. Raises `ValueError` for an axis that is empty or not finite.
+    The last number varies fastest. Raises `ValueError` for an axis that is empty or not finite,
+    and for more than 2^30 designs.
     """
 
     values: Mapping[str, Any]  # [points] for each number
@@ -32,6 +34,10 @@ class Grid:
             if axis.ndim != 1 or not axis.size or not np.all(np.isfinite(axis)):
                 raise ValueError(f"{name}: give a list of at least one finite value.")
         object.__setattr__(self, "values", axes)
+        if self.total > MOST_DESIGNS:
+            shape = " x ".join(map(str, self.shape))
+            message = f"grid: found {shape} = {self.total:.4g} designs, {_size(self)} of numbers"
+            raise ValueError(f"{message}; give at most 2^30, by fewer points or as a sample.")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -64,8 +70,8 @@ class Grid:
 class Samples:
     """A quasi-random sample, scrambled Sobol, of a box of numbers [SI].
 
-    Raises `ValueError` for a range that is not finite or does not end above where it begins, and
-    for fewer than one or more than 2^30 designs.
+    Raises `ValueError` for a range that is not finite or does not end above where it begins, for
+    fewer than one or more than 2^30 designs, and for a seed below 0.
     """
 
     ranges: Mapping[str, tuple[float, float]]  # lower and upper end for each number
@@ -77,8 +83,10 @@ class Samples:
         for name, (low, high) in self.ranges.items():
             if not (math.isfinite(low) and math.isfinite(high) and low < high):
                 raise ValueError(f"{name}: found {low:g} to {high:g}; give lower, then upper end.")
-        if not 1 <= self.count <= MOST_SAMPLES:
-            raise ValueError(f"samples: found {self.count}; give 1 to 2^30.")
+        if not 1 <= self.count <= MOST_DESIGNS:
+            size = f", {_size(self)} of numbers" if self.count > 1 else ""
+            raise ValueError(f"samples: found {self.count}{size}; give 1 to 2^30.")
+        require_seed(self.seed)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -117,6 +125,16 @@ def sobol(
 
 
 Designs = Grid | Samples
+
+
+def require_seed(seed: int) -> None:
+    """Raise `ValueError` for a seed that random numbers cannot begin with."""
+    if seed < 0:
+        raise ValueError(f"seed: found {seed}; give 0 or more.")
+
+
+def _size(designs: Designs) -> str:
+    return f"{8e-9 * designs.total * len(designs.names):.4g} GB"
 
 
 def _require_any(numbers: Mapping[str, Any]) -> None:

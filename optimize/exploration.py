@@ -2,8 +2,10 @@
 
 import functools
 import os
+import warnings
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import jax
@@ -19,13 +21,16 @@ from .batches import FEW, FREQUENCY, Question, in_batches, library_versions
 from .cluster import cluster, on_cluster
 from .designs import Designs
 from .quantities import quantity
-from .store import Column, Store, open_exploration
+from .store import Column, DamageWarning, Store, dataset
 
 if TYPE_CHECKING:
     import xarray
 
 BATCH = 4096  # designs; small against memory, large against the writing of a file
 BATCH_WITH_MODES = 64  # matrices of a hundred rows and more for each design
+MOST_IN_BATCH = 2**16  # designs, beyond which memory may not hold what finding them takes
+MOST_IN_BATCH_WITH_MODES = 2**12
+MOST_BATCHES = 2**20  # each of them a file for every quantity
 Advance = Callable[[str, int, int | None], None]
 
 
@@ -39,7 +44,7 @@ def explore(
     modes: int = 0,
     basis: AbstractBasis = BASIS,
     batch: int | None = None,
-    workers: int = 0,
+    workers: int | None = None,
     scheduler: str | None = None,
     advance: Advance | None = None,
 ) -> "xarray.Dataset":
@@ -48,10 +53,11 @@ def explore(
     `designs` is a `Grid` or `Samples` of numbers by their keys in the drive file; quantities go by
     the names that studies use. The store is written batch by batch, `batch` designs at a time.
     Called again with the same arguments it goes on where it was stopped, whenever and however
-    that was, to the same bits; a store of other arguments is refused.
+    that was, to the same bits; a store of other arguments is refused. What was damaged since is
+    computed anew, which a `DamageWarning` tells.
 
     Runs in this process, on all its devices; on `workers` processes of this machine, or on the
-    Dask cluster whose scheduler has that address. `advance(stage, done, total)` is told of every
+    Dask cluster whose `scheduler` has that address. `advance(stage, done, total)` is told of every
     batch. Returns the store, opened: variables along "design", SI units in the attributes. A
     failed design has its code in `result` and nan for what could not be found. Pulleys that
     overlap are no failure: ask for "clearance".
@@ -68,9 +74,11 @@ def explore(
     # Chosen by the whole, not by what is left: resuming must give the same bits.
     quick = designs.total <= FEW
     with (
-        cluster(workers, scheduler) if workers or scheduler else nullcontext() as client,
+        nullcontext() if workers is scheduler is None else cluster(workers, scheduler) as client,
         Store(store, record, columns, designs.total, size) as kept,
     ):
+        if kept.damage:
+            warnings.warn(f"{store} {kept.damage}", DamageWarning, stacklevel=2)
         pending = kept.pending()
         tell("compiling", kept.designs_done, designs.total)
         points = designs.walk(map(kept.span, pending))
@@ -79,13 +87,19 @@ def explore(
         for number, found in answered(question, batches, size, quick=quick):
             kept.write(number, found)
             tell("exploring", kept.designs_done, designs.total)
-    return open_exploration(store)
+    return dataset(Path(store))
 
 
 def _batch_size(given: int | None, modes: int, total: int) -> int:
-    if given is not None and given < 1:
-        raise ValueError(f"batch: found {given}; give at least 1.")
-    return min(given or (BATCH_WITH_MODES if modes else BATCH), total)
+    most = MOST_IN_BATCH_WITH_MODES if modes else MOST_IN_BATCH
+    least = -(-total // MOST_BATCHES)
+    if given is not None and not 1 <= given <= most:
+        raise ValueError(f"batch: found {given}; give at least 1 and at most {most}.")
+    size = given or (BATCH_WITH_MODES if modes else BATCH)
+    if size < least:
+        found = f"found {size}, which makes {-(-total // size)} files for each quantity"
+        raise ValueError(f"batch: {found}; give at least {least}.")
+    return min(size, total)
 
 
 def _columns(question: Question) -> list[Column]:

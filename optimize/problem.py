@@ -75,8 +75,15 @@ def drive_at(study: Study, x: Unit) -> Drive:
 
 
 def in_box(study: Study, values: dict[str, float]) -> np.ndarray:
-    """Place in the unit box of named values (SI), moved inside where they are not."""
+    """Place in the unit box of named values (SI), moved inside where they are not.
+
+    Raises `ValueError` for a variable without a value, or with one that is not finite.
+    """
     lower, upper = np.asarray(study.variables.lower), np.asarray(study.variables.upper)
+    for name in study.variables.names:
+        if name not in values or not math.isfinite(values[name]):
+            found = f"found {values[name]}" if name in values else "is missing"
+            raise ValueError(f"warm: {name}: {found}; give each variable a finite value")
     own = np.array([values[name] for name in study.variables.names])
     return np.clip((own - lower) / (upper - lower), 0.0, 1.0)
 

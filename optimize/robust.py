@@ -76,17 +76,17 @@ def robustness(
 
     By quasi-Monte Carlo (scrambled Sobol) and, beside it, by exact slopes. `tolerances` holds
     `Normal` or `Uniform` by the numbers' keys in the drive file. Raises `ValueError` for names
-    that are not there and for a nominal drive that does not run.
+    that are not there, for more than 2^24 samples and for a nominal drive that does not run.
     """
     if not 0.5 < quantile < 1:
         raise ValueError(f"quantile: found {quantile:g}; give more than 0.5 and less than 1.")
     if samples < 2:
         raise ValueError(f"samples: found {samples}; give at least 2, better a power of two.")
     question = _question(drive, point, quantities, tolerances)
+    points = sample_points(len(tolerances), samples, seed)
     linear = quickly_compiled(_linear)(question, tuple(tolerances.values()))
     if not linear.mean[-1]:
         raise ValueError("the nominal drive does not run; `analyze` says why.")
-    points = sample_points(len(tolerances), samples, seed)
     scatter = scattered(list(tolerances.values()), points)
     values = _evaluated(question, np.asarray(_nominal(question) + scatter))
     found = values[np.isfinite(values).all(axis=1)]

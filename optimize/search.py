@@ -80,6 +80,10 @@ class Means(NamedTuple):
         """Whether there is time left."""
         return in_time(self.deadline)
 
+    def saved(self, study: Study, begin: Starts) -> dict[str, np.ndarray] | None:
+        """The state that an earlier run of this search left."""
+        return None if self.checkpoint is None else self.checkpoint.load(study, begin.points)
+
 
 def deadline_of(study: Study) -> float | None:
     """When a study's time, which begins now, is over."""
@@ -118,7 +122,8 @@ def _by_lagrangian(study: Study, begin: Starts, means: Means) -> Search:
     """All starts as one batch; every outer iteration can be the last or the first of a run."""
     states = first_states(begin)
     objective, violation, first = [], [], 1
-    if means.checkpoint is not None and (saved := means.checkpoint.load()) is not None:
+    saved = means.saved(study, begin)
+    if saved is not None:
         states = Iterate(*(jnp.asarray(saved[field]) for field in Iterate._fields))
         objective, violation = list(saved["path_objective"]), list(saved["path_violation"])
         first = len(objective) + 1
@@ -183,7 +188,7 @@ def _by_solver(study: Study, begin: Starts, means: Means) -> Search:
     """One start after the other, by an optimizer of another library."""
     ends: list[End] = []
     paths: list[np.ndarray] = []
-    saved = None if means.checkpoint is None else means.checkpoint.load()
+    saved = means.saved(study, begin)
     if saved is not None:
         columns = (saved[field] for field in End._fields)
         ends = [End(*end) for end in zip(*columns, strict=True)]

@@ -2,7 +2,7 @@
 
 A batch of designs is one chunk of every array. Its data are written first, then its mark in the
 array "done", each file in one move: whenever the writer is killed, what is marked is whole, and
-what is not marked is done again.
+what is not marked is done again. The mark is a checksum: what was damaged since is done again, too.
 """
 
 import contextlib
@@ -21,13 +21,31 @@ from beltjax.errors import FileError
 from beltjax.results import outcomes
 
 from .batches import FREQUENCY, RESULT, Columns
+from .integrity import (
+    DONE,
+    METADATA,
+    QUESTION,
+    RECORD,
+    Batches,
+    attributes,
+    damaged_metadata,
+    fingerprint,
+    numbered,
+    read_document,
+    read_marks,
+    seal,
+    sealed_root,
+)
 
 if TYPE_CHECKING:
     import xarray
 
-DONE = "done"
-_RECORD = "exploration"  # attribute of the store: what was asked, to be compared on resuming
 _NOT_YET = -1  # in place of a result's code
+_REPEAT = "repeat the command that began it: it mends the store and computes only what is missing"
+
+
+class DamageWarning(UserWarning):
+    """A store was damaged; what was is computed anew."""
 
 
 class Column(NamedTuple):
@@ -42,6 +60,8 @@ class Store:
     """The answers to `total` designs in batches of `size`, at a path.
 
     `record` says in plain data what was asked; a store that holds another one is refused.
+    What an earlier writer left is checked; `damage` says in words what of it was damaged and is
+    to be done again, and is empty where nothing was.
     Raises `FileError` for that, for a path that holds something else, lies in no folder or is
     written by another process, and where the file system fails, with what is left intact.
     """
@@ -60,21 +80,25 @@ class Store:
         if not self.path.exists():
             if not self.path.absolute().parent.is_dir():
                 raise FileError(path, "", "lies in no folder; give a path in one that exists")
-            with self._saving("the store was begun"):
-                self._create(record, columns)
-        self._group = self._opened()
-        self._require_same(record)
+            with self._saving("the store was begun"), self._skeleton(record, columns) as new:
+                os.rename(new, self.path.resolve())
         self._lock = self._locked()
-        with self._saving("the store was read"):
-            self.done = np.asarray(self._group[DONE][:]) != 0
-            for torn in self.path.rglob("*.partial"):  # of a writer that was killed
-                torn.unlink()
+        try:
+            mended = self._require_same(record)
+            with self._saving("the store was read"):
+                mended = self._mend(record, columns, mended)
+                self._open()
+        except BaseException:
+            self.__exit__()
+            raise
+        self.damage = self._damage(mended)
 
     def __enter__(self) -> "Store":
         return self
 
     def __exit__(self, *_: object) -> None:
-        os.close(self._lock)
+        if self._lock is not None:
+            os.close(self._lock)
 
     def pending(self) -> list[int]:
         """Numbers of the batches that are still to be done."""
@@ -94,19 +118,23 @@ class Store:
         """Put one batch into the store, and mark it when all of it is there."""
         with self._saving(f"batch {batch + 1} of {len(self.done)} was written"):
             at = slice(*self.span(batch))
-            for name, values in columns.items():
-                self._group[array_name(name)][at] = values
-            self._group[DONE][batch] = 1
+            for path in self._batches.files(batch):
+                path.unlink(missing_ok=True)  # Zarr would read what is there to complete it
+            # The result comes last: until then a design counts as not computed.
+            for name in sorted(columns, key=lambda name: name == RESULT):
+                self._group[array_name(name)][at] = columns[name]
+            self._group[DONE][batch] = self._batches.mark(batch)
         self.done[batch] = True
 
-    def _create(self, record: Mapping[str, Any], columns: list[Column]) -> None:
-        """Begin the store under another name, so that it is complete or absent."""
+    @contextlib.contextmanager
+    def _skeleton(self, record: Mapping[str, Any], columns: list[Column]) -> Iterator[Path]:
+        """A store without data under another name, beside this one, to be moved into place."""
         target = self.path.resolve()
         new = target.with_name(f".{target.name}.new")
         shutil.rmtree(new, ignore_errors=True)
         try:
             group = self._zarr.open_group(new, mode="w", zarr_format=3)
-            group.attrs[_RECORD] = record
+            group.attrs[RECORD] = record
             for column in columns:
                 self._add(group, column)
             names = outcomes()
@@ -117,15 +145,17 @@ class Store:
                 "texts": ["", *(text for _, text in names.values())],
             }
             self._array(group, RESULT, "int16", _NOT_YET, ("design",), (self.total,), flags)
+            notes = {"long_name": "checksum of each batch, 0 until it is written"}
+            notes[QUESTION] = fingerprint(record)
             batches = -(-self.total // self.size)
-            self._array(group, DONE, "uint8", 0, ("batch",), (batches,), {}, (1,))
+            self._array(group, DONE, "uint64", 0, ("batch",), (batches,), notes, (1,))
             with warnings.catch_warnings():  # that consolidation is not yet part of version 3
                 warnings.simplefilter("ignore")
                 self._zarr.consolidate_metadata(group.store)
-            os.rename(new, target)
-        except BaseException:
+            seal(new)
+            yield new
+        finally:
             shutil.rmtree(new, ignore_errors=True)
-            raise
 
     def _add(self, group: Any, column: Column) -> None:
         notes = {"long_name": column.name, "units": column.unit or "1"}
@@ -142,40 +172,66 @@ class Store:
             chunks=chunks or (self.size, *shape[1:]),
             dtype=kind,
             fill_value=blank,
+            compressors=(self._zarr.codecs.ZstdCodec(), self._zarr.codecs.Crc32cCodec()),
             dimension_names=axes,
             attributes=notes,
         )
 
-    def _opened(self) -> Any:
-        try:
-            group = self._zarr.open_group(self.path, mode="r+", use_consolidated=False)
-            group.attrs[_RECORD]
-        except (OSError, ValueError, KeyError) as error:
-            message = "is there already and is no exploration; give another path"
-            raise FileError(self.path, "", message) from error
-        return group
-
-    def _locked(self) -> int:
+    def _locked(self) -> int | None:
         """A hold on the store that ends with this process, however it ends."""
-        hold = os.open(self.path / "zarr.json", os.O_RDONLY)
         try:
-            locks = importlib.import_module("fcntl")
-            locks.flock(hold, locks.LOCK_EX | locks.LOCK_NB)
+            return _hold(self.path, "LOCK_EX")
         except BlockingIOError as error:
-            os.close(hold)
             message = "another process is writing it; wait for it, or give another path"
             raise FileError(self.path, "", message) from error
-        except (ImportError, OSError):
-            pass  # a system or a file system without such locks
-        return hold
 
-    def _require_same(self, record: Mapping[str, Any]) -> None:
-        differs = _difference(self._group.attrs[_RECORD], record)
-        if differs:
-            key, before, now = differs
-            message = f"was begun with {before} and is now asked for {now}"
-            remedy = "repeat the command that began it, or give another path"
-            raise FileError(self.path, key, f"{message}; {remedy}")
+    def _require_same(self, record: Mapping[str, Any]) -> bool:
+        """Whether the metadata are damaged of what is, by all that is left, this exploration."""
+        root = sealed_root(self.path)
+        if root is not None:
+            differs = _difference(attributes(root)[RECORD], record)
+            if differs:
+                key, before, now = differs
+                message = f"was begun with {before} and is now asked for {now}"
+                remedy = "repeat the command that began it, or give another path"
+                raise FileError(self.path, key, f"{message}; {remedy}")
+            return bool(damaged_metadata(self.path, root))
+        question = attributes(read_document(self.path / DONE / METADATA)).get(QUESTION)
+        if question == fingerprint(record):
+            return True
+        if question is not None:
+            message = f"its metadata ({METADATA}) are damaged, and it was begun by another command"
+            raise FileError(self.path, "", f"{message}; repeat that one, or give another path")
+        raise FileError(self.path, "", f"{_unknown(self.path)}; give another path")
+
+    def _mend(self, record: Mapping[str, Any], columns: list[Column], damaged: bool) -> bool:
+        """Write damaged metadata anew; they follow from what is asked."""
+        if damaged:
+            with self._skeleton(record, columns) as new:
+                for document in new.rglob(METADATA):
+                    target = self.path / document.relative_to(new)
+                    target.parent.mkdir(exist_ok=True)
+                    os.replace(document, target)
+        return damaged
+
+    def _open(self) -> None:
+        """Find what is done, and remove what a killed writer left half-written."""
+        self._group = self._zarr.open_group(self.path, mode="r+", use_consolidated=False)
+        root = sealed_root(self.path)
+        assert root is not None  # it was just checked or written
+        self._batches = Batches(self.path, root)
+        marks, unread = read_marks(self._group[DONE])
+        self._damaged = self._batches.damaged(marks, unread)
+        self.done = marks != 0
+        self.done[self._damaged] = False
+        for torn in self.path.rglob("*.partial"):
+            torn.unlink()
+
+    def _damage(self, mended: bool) -> str:
+        parts = ["its metadata"] * mended
+        if self._damaged:
+            parts.append(f"{numbered(self._damaged)} (of {len(self.done)})")
+        return f"was damaged; made anew: {', '.join(parts)}" if parts else ""
 
     @contextlib.contextmanager
     def _saving(self, doing: str) -> Iterator[None]:
@@ -191,11 +247,92 @@ class Store:
 
 
 def open_exploration(path: str | os.PathLike[str]) -> "xarray.Dataset":
-    """A store of `explore` as a dataset that reads what is looked at, numbers as coordinates."""
-    found = _library("xarray", "explore").open_zarr(path, chunks=None)
-    design = found.attrs[_RECORD]["designs"]
+    """A store of `explore` as a dataset that reads what is looked at, numbers as coordinates.
+
+    Every file of it is checked first, which reads all of them once. Raises `FileError` for a path
+    that holds no exploration and for one that is damaged, with what of it is intact.
+    """
+    folder = Path(path)
+    root = _checked_root(folder)
+    metadata, (batches, intact, total) = damaged_metadata(folder, root), _unsound(folder, root)
+    parts = []
+    if metadata:
+        parts.append(f"its metadata ({', '.join(f'{name}/{METADATA}' for name in metadata)})")
+    if batches:
+        parts.append(numbered(batches))
+    if parts:
+        what = f"is damaged or incomplete: {', '.join(parts)}"
+        message = f"{what}; {intact} of {total} batches are intact; {_REPEAT}"
+        raise FileError(path, "", message)
+    return dataset(folder)
+
+
+def dataset(folder: Path) -> "xarray.Dataset":
+    """A store as `open_exploration` gives it, without its checks."""
+    found = _library("xarray", "explore").open_zarr(folder, chunks=None)
+    design = found.attrs[RECORD]["designs"]
     names = design.get("grid") or design["sobol"]
     return found.set_coords([array_name(name) for name in names])
+
+
+def _checked_root(folder: Path) -> dict[str, Any]:
+    """The metadata of a store; raises `FileError` where they are damaged or of something else."""
+    if not folder.exists():
+        raise FileError(folder, "", "is not there; give the path of a store of `explore`")
+    root = sealed_root(folder)
+    if root is not None:
+        return root
+    if QUESTION in attributes(read_document(folder / DONE / METADATA)):
+        message = f"is damaged: its metadata ({METADATA}); its batches are left as they are"
+        raise FileError(folder, "", f"{message}; {_REPEAT}")
+    raise FileError(folder, "", f"{_unknown(folder)}; `xarray.open_zarr` may read it, unchecked")
+
+
+def _unsound(folder: Path, root: dict[str, Any]) -> tuple[list[int], int, int]:
+    """The batches that differ from their marks, how many are intact, and how many there are."""
+    batches = Batches(folder, root)
+    done = _library("zarr", "explore").open_group(folder, mode="r", use_consolidated=True)[DONE]
+    marks, unread = read_marks(done)
+    unsound = batches.damaged(marks, unread)
+    intact = int(np.count_nonzero(marks)) + len(unread) - len(unsound)
+    if not _is_being_written(folder):  # else what has data and no mark is about to be marked
+        without = np.flatnonzero(marks == 0).tolist()
+        unsound += [batch for batch in without if batch not in unread and batches.has_data(batch)]
+    return sorted(unsound), intact, len(marks)
+
+
+def _unknown(folder: Path) -> str:
+    """What a path holds whose metadata are not those of an exploration."""
+    if RECORD in attributes(read_document(folder / METADATA)):
+        return "has no valid checksum: it is of an earlier version of beltjax, or damaged"
+    return "is there already and is no exploration"
+
+
+def _hold(folder: Path, kind: str) -> int | None:
+    """A lock on a folder, by its descriptor; raises `BlockingIOError` where another is held."""
+    try:
+        locks = importlib.import_module("fcntl")
+    except ImportError:  # a system without such locks
+        return None
+    hold = os.open(folder, os.O_RDONLY)
+    try:
+        locks.flock(hold, getattr(locks, kind) | locks.LOCK_NB)
+    except BlockingIOError:
+        os.close(hold)
+        raise
+    except OSError:
+        pass  # a file system without such locks
+    return hold
+
+
+def _is_being_written(folder: Path) -> bool:
+    try:
+        hold = _hold(folder, "LOCK_SH")
+    except BlockingIOError:
+        return True
+    if hold is not None:
+        os.close(hold)
+    return False
 
 
 def array_name(name: str) -> str:

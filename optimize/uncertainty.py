@@ -17,10 +17,11 @@ from jaxtyping import Array, Float
 
 from beltjax.drive.components import as_real, concrete
 
-from .designs import sobol
+from .designs import require_seed, sobol
 
 # Points of a Sobol sequence are multiples of 2^-30 from 0 on: half a step keeps them inside.
 _HALF_STEP = 2.0**-31
+MOST_POINTS = 2**24  # all of a sample is held in memory, several times over
 
 
 class Normal(eqx.Module):
@@ -99,9 +100,21 @@ def scattered(
 
 
 def sample_points(numbers: int, count: int, seed: int) -> Float[np.ndarray, "count numbers"]:
-    """Scrambled Sobol points inside the unit cube; balanced where `count` is a power of two."""
+    """Scrambled Sobol points inside the unit cube; balanced where `count` is a power of two.
+
+    Raises `ValueError` for more than 2^24 of them and for a seed below 0.
+    """
+    require_sample("samples", count, numbers, seed)
     (points,) = sobol(numbers, seed, [(0, count)])
     return points + _HALF_STEP
+
+
+def require_sample(name: str, count: int, numbers: int, seed: int) -> None:
+    """Raise `ValueError` for a sample that memory does not hold, and for a seed below 0."""
+    if count > MOST_POINTS:
+        size = f"{8e-9 * count * numbers:.4g} GB for each copy of its numbers"
+        raise ValueError(f"{name}: found {count}, {size}; give at most 2^24 = {MOST_POINTS}.")
+    require_seed(seed)
 
 
 def linear_moments(
@@ -139,8 +152,9 @@ def sobol_indices(
 
     `evaluate` takes [points, numbers] and returns [points, outputs]; it is asked for
     `count` (numbers + 2) points, `count` best a power of two. Raises `ValueError` where SALib is
-    missing or an output is not finite.
+    missing or an output is not finite, for more than 2^24 points and for a seed below 0.
     """
+    require_sample("count", count * (len(tolerances) + 2), len(tolerances), seed)
     sampler, analyzer = (_salib(part) for part in ("sample.sobol", "analyze.sobol"))
     names = list(tolerances)
     problem = {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names)}

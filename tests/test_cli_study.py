@@ -1,6 +1,8 @@
 """The studies of examples/, by the command line, to a drive file that other commands confirm."""
 
 import json
+import os
+import re
 
 import numpy as np
 import pytest
@@ -111,7 +113,7 @@ def test_the_search_of_another_study_is_refused(run, tmp_path):
     study = EXAMPLES / "three_pulley_study.toml"
     status, out, err = run("optimize", study, "--method", "slsqp", "--checkpoint", "state.npz")
     assert (status, out) == (1, "")
-    assert "state.npz: is no checkpoint; remove it to start anew" in err
+    assert "state.npz: is no checkpoint of this version of beltjax, or damaged; remove" in err
 
 
 def test_a_warm_start_must_be_of_this_study(run, tmp_path):
@@ -119,6 +121,43 @@ def test_a_warm_start_must_be_of_this_study(run, tmp_path):
     status, _, err = run("optimize", EXAMPLES / "three_pulley_study.toml", "--warm", "o.json")
     assert status == 1
     assert "o.json: design: has no number for 'pulley.tensioner.radius'" in err
+
+
+NAME = '"pulley.tensioner.radius"'
+WARM = {
+    "no JSON": ("nothing", r"is no JSON \(Expecting value: line 1 column 1"),
+    "other bytes": (b"\xff\xfe\x00", r"is no JSON \(.*codec can't decode"),
+    "nothing": ("", r"is no JSON \(Expecting value"),
+    "a list": ("[1, 2]", r"design: is missing; give the JSON of a run of this study"),
+    "no design": ('{"design": 3}', r"design: is missing; give"),
+    "nested": ("[" * 100_000, r"is no JSON \(nested too deep\); give"),
+    "nested design": ('{"design": {' + f"{NAME}: " + "[" * 500 + "]" * 500 + "}}", r"design: found \[{37}\.\.\. for 'pulley\.tensioner\.radius', no finite number"),
+    "not a number": ('{"design": {' + f"{NAME}: NaN" + "}}", r"design: found nan for 'pulley\.tensioner\.radius', no finite number"),
+    "infinite": ('{"design": {' + f"{NAME}: 1e999" + "}}", r"design: found inf for"),
+    "text": ('{"design": {' + f'{NAME}: "0.03"' + "}}", r"design: found 0\.03 for"),
+    "logical": ('{"design": {' + f"{NAME}: true" + "}}", r"design: found True for"),
+    "400 digits": ('{"design": {' + f"{NAME}: {'9' * 400}" + "}}", r"design: found 9{37}\.\.\. for"),
+    "5000 digits": ('{"design": {' + f"{NAME}: {'9' * 5000}" + "}}", r"is no JSON \(Exceeds the limit"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", WARM)
+def test_a_damaged_warm_start_is_one_line(case, run, tmp_path):
+    content, says = WARM[case]
+    path = tmp_path / "o.json"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    status, out, err = run("optimize", EXAMPLES / "three_pulley_study.toml", "--warm", "o.json")
+    assert (status, out, err.count("\n")) == (1, "", 1)
+    assert re.search(rf"^beltjax: o\.json: {says}", err)
+    assert [path.name for path in tmp_path.iterdir()] == ["o.json"]
+
+
+def test_a_warm_start_that_is_no_file_is_one_line(run, tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    for path, says in (("pipe", "is no file"), ("/dev/zero", "is no file"), ("none", "cannot be")):
+        status, _, err = run("optimize", EXAMPLES / "three_pulley_study.toml", "--warm", path)
+        assert (status, err.count("\n")) == (1, 1)
+        assert f"{path}: {says}" in err
 
 
 def test_a_study_without_objectives_has_no_front(run):

@@ -15,7 +15,7 @@ BLOCKS = {
     "contact": 5,
     "derivatives": 7,
     "drive_file": 1,
-    "exploration": 4,
+    "exploration": 6,
     "first_drive": 2,
     "moving_beam": 4,
     "optimizing": 2,

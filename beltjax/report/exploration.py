@@ -3,6 +3,7 @@
 import functools
 import importlib
 import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from datetime import timedelta
 from pathlib import Path
@@ -34,7 +35,7 @@ class Exploring(NamedTuple):
     quantities: Sequence[str]
     modes: int
     batch: int | None
-    workers: int
+    workers: int | None
     scheduler: str | None
     store: str
 
@@ -42,35 +43,44 @@ class Exploring(NamedTuple):
 def exploration_job(path: str, given: Exploring, advance: Advance) -> Report:
     """Explore the designs of a drive file. Raises `FileError` for what cannot be asked."""
     optimize = importlib.import_module("beltjax.optimize")
-    if given.workers and given.scheduler:
+    if given.workers is not None and given.scheduler:
         raise FileError("--workers", "", "a scheduler has its own workers; leave out one of both")
     drive, point = load_drive(path)
     designs = _designs(drive, given)
     began, told = time.monotonic(), _Pace(advance)
     try:
-        data = optimize.explore(
-            drive,
-            point,
-            designs,
-            given.quantities,
-            given.store,
-            modes=given.modes,
-            batch=given.batch,
-            workers=given.workers,
-            scheduler=given.scheduler,
-            advance=told,
-        )
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", optimize.DamageWarning)
+            data = optimize.explore(
+                drive,
+                point,
+                designs,
+                given.quantities,
+                given.store,
+                modes=given.modes,
+                batch=given.batch,
+                workers=given.workers,
+                scheduler=given.scheduler,
+                advance=told,
+            )
     except FileError:
         raise
     except ValueError as error:
         raise FileError("explore", "", str(error).rstrip(".")) from error
+    asked_of = [*given.quantities, *["frequency"] * bool(given.modes)]
+    try:
+        summary = _summary(data, designs.names, asked_of)
+    except (OSError, ValueError) as error:  # a checksum, or the file system
+        message = f"was damaged while it was read ({error}); repeat the command to mend it"
+        raise FileError(given.store, "", message) from error
     document = {
         "drive": drive.name,
         "store": str(Path(given.store)),
         "designs": designs.total,
         "designs_before": told.before,
+        "repaired": [str(w.message) for w in caught if w.category is optimize.DamageWarning],
         "seconds": time.monotonic() - began,
-        **_summary(data, designs.names, [*given.quantities, *["frequency"] * bool(given.modes)]),
+        **summary,
     }
     document["success"] = any(row["result"] == "successful" for row in document["outcomes"])
     failure = ""
@@ -112,7 +122,9 @@ def _designs(drive: Drive, given: Exploring) -> Any:
         reading = functools.partial(read, text, unit_of_number(name))
         ranges[name] = asked(f"--over {name}", reading)
     if given.samples is None:
-        return optimize.Grid(ranges)
+        return asked("--over", lambda: optimize.Grid(ranges))
+    require_seed = importlib.import_module("beltjax.optimize.designs").require_seed
+    asked("--seed", lambda: require_seed(given.seed))
     return asked("--samples", lambda: optimize.Samples(ranges, given.samples, given.seed))
 
 
@@ -212,4 +224,4 @@ def _tables(document: dict[str, Any]) -> Group:
     spent = f"{new:,} designs in {document['seconds']:.1f} s, compiling included"
     if document["designs_before"]:
         spent += f"; {document['designs_before']:,} were there before"
-    return Group(table, ends, spent)
+    return Group(table, ends, spent, *map(escape, document["repaired"]))

@@ -3,6 +3,7 @@
 import dataclasses
 import importlib
 import json
+import math
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -31,6 +32,7 @@ from beltjax.report.tables import analysis_tables, design_tables
 from beltjax.results import RESULTS, explanation
 
 MODES = 8
+_RUN = "give the JSON of a run of this study"
 BASIS = Legendre(40)  # frequencies to 1e-6 for any bending stiffness, and mostly to 1e-10
 
 
@@ -148,14 +150,41 @@ def _changed(study: Any, given: StudyRequest) -> Any:
 def _warm_start(path: str, names: tuple[str, ...]) -> dict[str, float]:
     """The design of an earlier run's JSON; raises `FileError` where there is none."""
     try:
-        design = json.loads(Path(path).read_text())["design"]
-        return {name: float(design[name]) for name in names}
+        if os.path.exists(path) and not os.path.isfile(path):
+            raise FileError(path, "", f"is no file; {_RUN}")
+        text = Path(path).read_bytes()
     except OSError as error:
         raise FileError(path, "", f"cannot be read ({error.strerror})") from error
-    except (ValueError, TypeError, KeyError) as error:
-        raise FileError(
-            path, "design", f"has no number for {error}; give the JSON of a run of this study"
-        ) from error
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError) as error:  # nested without end, numbers of 5000 digits
+        raise FileError(path, "", f"is no JSON ({_cause(error)}); {_RUN}") from error
+    design = document.get("design") if isinstance(document, dict) else None
+    if not isinstance(design, dict):
+        raise FileError(path, "design", f"is missing; {_RUN}")
+    return {name: _finite(path, name, design.get(name)) for name in names}
+
+
+def _finite(path: str, name: str, value: Any) -> float:
+    try:
+        number = float(value) if type(value) in (int, float) else math.nan
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        message = f"found {_short(value)} for {name!r}, no finite number; {_RUN}"
+        if value is None:
+            message = f"has no number for {name!r}; {_RUN}"
+        raise FileError(path, "design", message)
+    return number
+
+
+def _short(value: Any) -> str:
+    text = str(value)
+    return text if len(text) <= 40 else text[:37] + "..."
+
+
+def _cause(error: Exception) -> str:
+    return "nested too deep" if isinstance(error, RecursionError) else str(error)
 
 
 def _text(objective: float | None) -> str:

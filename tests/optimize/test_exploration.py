@@ -3,6 +3,7 @@
 import json
 import re
 import resource
+import shutil
 
 import jax
 import numpy as np
@@ -271,6 +272,32 @@ def test_command_writes_the_same_store_and_summarizes_it(run, whole, tmp_path):
     assert (status, "0 designs in" in out) == (0, True)
 
 
+def test_command_mends_a_damaged_store_and_says_so(run, whole, tmp_path):
+    store = shutil.copytree(whole, tmp_path / "s.zarr")
+    (store / "coupling" / "c" / "3").unlink()
+    status, out, err = run(*SAMPLED, "--out", "s.zarr", "--json", "s.json")
+    assert (status, err) == (0, "")
+    told = "s.zarr was damaged; made anew: batch 4 (of 7)"
+    assert told in out
+    document = json.loads((tmp_path / "s.json").read_text())
+    assert (document["repaired"], document["designs_before"]) == ([told], 42)
+    assert files(store) == files(whole)
+
+
+def test_store_damaged_while_it_is_read_is_one_line(run, whole, tmp_path, monkeypatch):
+    store = shutil.copytree(whole, tmp_path / "s.zarr")
+    dataset = bj.optimize.store.dataset
+
+    def damaged(path):
+        (store / "coupling" / "c" / "3").write_bytes(b"torn")
+        return dataset(path)
+
+    monkeypatch.setattr("beltjax.optimize.exploration.dataset", damaged)
+    status, out, err = run(*SAMPLED, "--out", "s.zarr")
+    assert (status, out, err.count("\n")) == (1, "", 1)
+    assert re.search(r"s\.zarr: was damaged while it was read \(.*\); repeat the command to", err)
+
+
 BAD = {
     "two speeds": (["operation.belt_speed=1:2:2", "operation.driver_speed=1:2:2"], [], r"--over: .* are one speed"),
     "twice": (["installation.tension=1:2:2"] * 2, [], r"--over: 'installation\.tension' is given twice"),
@@ -282,6 +309,16 @@ BAD = {
     "twice a quantity": (["installation.tension=1:2:2"], ["--quantity", "coupling"] * 2, r"quantities: one is given twice"),
     "too many modes": (["installation.tension=1:2:2"], ["--modes", 1000], r"count: found 1000; give 1 to"),
     "no batch": (["installation.tension=1:2:2"], ["--batch", 0], r"batch: found 0; give at least 1"),
+    "no processes": (["installation.tension=1:2:2"], ["--workers", 0], r"workers: found 0; give 1 to \d+ on this"),
+    "fewer than none": (["installation.tension=1:2:2"], ["--workers", -2], r"workers: found -2; give 1"),
+    "too many processes": (["installation.tension=1:2:2"], ["--workers", 10**6], r"workers: found 1000000; give 1"),
+    "none of a scheduler's": (["installation.tension=1:2:2"], ["--workers", 0, "--scheduler", "x"], r"--workers: a scheduler has"),
+    "seed": (["installation.tension=1:2"], ["--samples", 8, "--seed", -2], r"--seed: seed: found -2; give 0 or more"),
+    "huge sample": (["installation.tension=1:2"], ["--samples", 10**14], r"samples: found 10{14}, 8e\+05 GB of numbers; give 1 to 2\^30"),
+    "huge grid": ([f"{name}=1:2:100000" for name in NUMBERS], [], r"--over: grid: found 100000 x 100000 = 1e\+10 designs, 160 GB of numbers; give at most 2\^30"),
+    "huge batch": (["installation.tension=1:2"], ["--samples", 10**9, "--batch", 10**9], r"batch: found 10{9}; give at least 1 and at most 65536"),
+    "huge batch of modes": (["installation.tension=1:2"], ["--samples", 10**9, "--batch", 5000, "--modes", 1], r"batch: .* at most 4096"),
+    "many batches": (["installation.tension=1:2"], ["--samples", 10**9, "--batch", 8], r"batch: found 8, which makes 125000000 files for each quantity; give at least 954"),
     "both": (["installation.tension=1:2:2"], ["--workers", 1, "--scheduler", "x"], r"--workers: a scheduler has its own"),
 }  # fmt: skip
 

@@ -1,12 +1,15 @@
 """The same store from a writer killed again and again, from a cluster, from two devices."""
 
+import contextlib
 import importlib
 import os
 import random
+import socket
 import subprocess
 import sys
 import time
 
+import dask_work
 import numpy as np
 import psutil
 import pytest
@@ -36,6 +39,29 @@ def local_cluster():
     return distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, dashboard_address=":0", silence_logs=50
     )
+
+
+def worker_processes(pid=None):
+    found = []
+    for process in psutil.Process(pid).children(recursive=True):
+        with contextlib.suppress(psutil.Error):  # it may just have ended
+            if "spawn_main" in " ".join(process.cmdline()):
+                found.append(process)
+    return found
+
+
+def own_cluster():
+    """Address of a scheduler with one worker, and both processes."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{probe.getsockname()[1]}"
+    dask = [sys.executable, "-m", "dask"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    where = ["--host", "127.0.0.1", "--port", address.rpartition(":")[2], "--no-dashboard"]
+    scheduler = subprocess.Popen([*dask, "scheduler", *where], **quiet)
+    one = ["--nthreads", "1", "--nworkers", "1", "--no-nanny", "--no-dashboard"]
+    worker = subprocess.Popen([*dask, "worker", address, *one], **quiet)
+    return address, scheduler, worker
 
 
 @pytest.mark.slow
@@ -102,10 +128,9 @@ def test_worker_that_is_killed_is_replaced(tmp_path):
 
     def kill(stage, done, total):
         if done == 16:
-            for process in psutil.Process().children(recursive=True):
-                if "spawn_main" in " ".join(process.cmdline()):
-                    process.kill()
-                    killed.append(process.pid)
+            for process in worker_processes():
+                process.kill()
+                killed.append(process.pid)
 
     explored(tmp_path / "store.zarr", workers=1, advance=kill)
     assert len(killed) == 1
@@ -127,6 +152,89 @@ def test_cluster_that_is_lost_is_one_line_and_the_store_goes_on(tmp_path):
     explored(store)
     explored(tmp_path / "whole.zarr")
     assert files(store) == files(tmp_path / "whole.zarr")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+def test_workers_killed_at_random_moments_cost_seconds(monkeypatch, capsys):
+    # Dask tries for 30 s to reach a worker that died with a finished batch, one after the other.
+    monkeypatch.setattr("beltjax.optimize.cluster.answer_packed", dask_work.echoed)
+    rows = []
+    for seed in range(5):
+        rng = random.Random(seed)
+        moments = sorted(rng.sample(range(1, 150), rng.choice((2, 3, 4))))
+        pauses, last, found = [], time.monotonic(), []
+        with bj.optimize.cluster.cluster(2, None) as client:
+            batches = bj.optimize.cluster.on_cluster(
+                client, None, dask_work.numbered(200), 8, quick=True
+            )
+            for number, columns in batches:
+                now = time.monotonic()
+                pauses.append(now - last)
+                last = now
+                assert columns["a"][0] == number
+                found.append(number)
+                # One of two workers, or both; some of them before they have come back.
+                if moments and len(found) >= moments[0]:
+                    moments.pop(0)
+                    time.sleep(rng.uniform(0.0, 0.1))
+                    for worker in worker_processes()[: rng.choice((1, 1, 2))]:
+                        worker.kill()
+        assert sorted(found) == list(range(200))
+        rows.append(max(pauses))
+    with capsys.disabled():
+        print("\nlongest pauses [s]:", ", ".join(f"{pause:.1f}" for pause in rows))
+    assert max(rows) < 28
+
+
+@pytest.mark.slow
+def test_worker_killed_before_it_has_started_is_one_line(tmp_path):
+    process = subprocess.Popen(
+        command(tmp_path / "store.zarr", "--workers", 1), stderr=subprocess.PIPE, text=True
+    )
+    while not worker_processes(process.pid):
+        time.sleep(1e-3)
+    for worker in worker_processes(process.pid):
+        worker.kill()
+    _, err = process.communicate()
+    assert (process.returncode, err.count("\n")) == (1, 1)
+    assert "beltjax: explore: workers: 1 processes could not be started (" in err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_scheduler_that_is_killed_is_one_line_and_the_store_goes_on(tmp_path):
+    store = tmp_path / "store.zarr"
+    address, *processes = own_cluster()
+    try:
+        process = subprocess.Popen(
+            command(store, "--scheduler", address), stderr=subprocess.PIPE, text=True
+        )
+        while marks(store) < 3:
+            time.sleep(1e-3)
+        processes[0].kill()
+        _, err = process.communicate()
+    finally:
+        for one in processes:
+            one.kill()
+            one.wait()
+    assert (process.returncode, err.count("\n")) == (1, 1)
+    assert "beltjax: explore: the cluster was lost; what is written is intact: repeat" in err
+    done = marks(store)
+    found = subprocess.run(command(store), check=True, capture_output=True, text=True)
+    # What was marked when the scheduler died is not done again.
+    assert f"{8 * done:,} were there before" in found.stdout
+
+
+@pytest.mark.slow
+def test_cluster_without_workers_is_one_line(monkeypatch, tmp_path):
+    monkeypatch.setattr("beltjax.optimize.cluster._ALONE", 1.5)
+    distributed = importlib.import_module("distributed")
+    with (
+        distributed.LocalCluster(n_workers=0, dashboard_address=":0", silence_logs=50) as none,
+        pytest.raises(ValueError, match=r"the cluster has had no worker for 1\.5 s; what is wri"),
+    ):
+        explored(tmp_path / "store.zarr", scheduler=none.scheduler_address)
 
 
 @pytest.mark.slow
