@@ -99,7 +99,7 @@ def _first_state(start: Unknowns, skip: Bool[Array, ""]) -> _State:
         direction=jax.tree.map(jnp.zeros_like, start),
         factor=no_factor(start),
         damping=jnp.ones(()),
-        size=jnp.full((), jnp.inf),  # not weakly typed, or the next pass would compile anew
+        size=jnp.array(jnp.inf),
         passes=jnp.zeros((), int),
         done=skip,
         failed=~yes,

@@ -33,9 +33,14 @@ def is_traced(*trees: Any) -> bool:
 def part(function: Function) -> Function:
     """`function` of arrays alone: compiled apart for concrete ones, inlined among traced ones."""
 
+    def strongly_typed(*args):
+        # A weakly typed result would be given to the next part, and compile that anew.
+        return jax.tree.map(lambda x: jax.lax.convert_element_type(x, x.dtype), function(*args))
+
     @functools.cache
     def compiled():
-        return jax.jit(function, compiler_options=quick_options())
+        named = functools.wraps(function)(strongly_typed)
+        return jax.jit(named, compiler_options=quick_options())
 
     @functools.wraps(function)
     def call(*args):

@@ -9,7 +9,7 @@ compiled already.
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from beltjax.numerics.bvp_checks import first_start
+from beltjax.numerics.bvp_checks import as_double, first_start
 from beltjax.numerics.bvp_collocation import Interval, Problem, Unknowns
 from beltjax.numerics.bvp_programs import part
 from beltjax.numerics.bvp_solve import Start, search, usable
@@ -35,7 +35,7 @@ def start_from_shorter(
 
     def solved(share: float, start: Start) -> Start | None:
         shorter = _shorter(problem, share)
-        z, evidence = search(shorter, start, jnp.full((), ROUGHLY), SWEEPS)
+        z, evidence = search(shorter, start, as_double(ROUGHLY), SWEEPS)
         good = bool(usable(evidence)) and float(evidence.estimate.error) < AT_MOST
         return Start(evidence.mesh, z) if good else None
 
@@ -50,7 +50,7 @@ def start_from_shorter(
     growth = GROWTH
     while share < 1.0 and growth > LEAST_GROWTH:
         growth = min(growth, 1.0 / share)
-        longer = solved(share * growth, _stretched(found, jnp.full((), growth)))
+        longer = solved(share * growth, _stretched(found, as_double(growth)))
         if longer is None:
             growth = growth**0.5
         else:
@@ -60,7 +60,7 @@ def start_from_shorter(
 
 def _shorter(problem: Problem, share: float) -> Problem:
     a, length = problem.interval.a, problem.interval.length
-    interval = Interval(a, a + share * length)
+    interval = Interval(a, as_double(a + share * length))
     return Problem(problem.rhs, problem.bc, interval, problem.args, problem.singular)
 
 

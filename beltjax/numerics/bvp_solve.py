@@ -97,7 +97,7 @@ def search(
 
 @part
 def _first_sweep(start: Start, most: Int[Array, ""]) -> _Sweep:
-    inf, no, zero = jnp.full((), jnp.inf), jnp.array(False), jnp.zeros((), int)
+    inf, no, zero = jnp.array(jnp.inf), jnp.array(False), jnp.zeros((), int)
     estimate = Estimate(inf, inf, inf)
     evidence = Evidence(start.mesh, no_factor(start.z), estimate, no, no, no, zero, zero)
     return _Sweep(start.z, start.mesh, (start.z, evidence), most > 0)
