@@ -20,7 +20,7 @@ from beltjax.numerics.bvp_checks import (
 )
 from beltjax.numerics.bvp_collocation import Interval, Problem, Unknowns, interpolate
 from beltjax.numerics.bvp_estimate import ROUNDING, SINGULAR
-from beltjax.numerics.bvp_programs import is_traced, kept_for_few, part
+from beltjax.numerics.bvp_programs import is_traced, kept_for_few, part, within_transformation
 from beltjax.numerics.bvp_reach import start_from_shorter
 from beltjax.numerics.bvp_solve import (
     Evidence,
@@ -128,9 +128,7 @@ def solve_bvp(
     tol = as_double(tol)
     options = {"stages": stages, "sweeps": sweeps}
 
-    # What rhs closes over may be traced although nothing else is, and a jitted function may be
-    # given nothing but numbers: either shows in an array made here.
-    if is_traced(checked, x, y, p, tol, jnp.zeros(()) + 0.0):
+    if within_transformation(checked, x, y, p, tol):
         fixed = min(FIXED_NODES, max_nodes) if nodes is None else nodes
         solution = _solve_compiled(
             rhs, bc, interval, args, singular_term, tol, x, y, p, nodes=fixed, **options

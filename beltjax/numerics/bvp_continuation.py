@@ -20,7 +20,7 @@ from beltjax.numerics.bvp_checks import (
     first_start,
 )
 from beltjax.numerics.bvp_collocation import Problem, Residual, Unknowns, solve_factored
-from beltjax.numerics.bvp_programs import kept_for_few
+from beltjax.numerics.bvp_programs import kept_for_few, part, within_transformation
 from beltjax.numerics.bvp_solve import Evidence, Start, search, usable, with_derivative
 from beltjax.results import raise_unless_successful
 
@@ -57,17 +57,41 @@ def continue_bvp(
     if len(lengths) != 1 or () in lengths:
         raise ValueError(f"path: its leaves must share one leading axis; found {sorted(lengths)}.")
     path = checked_args(jax.tree.map(jnp.asarray, path))
-    given = (rhs, bc, interval, path, singular_term, as_double(tol))
-    solution = _continue(*given, x, y, p, nodes=nodes, stages=stages, sweeps=sweeps)
+    first = jax.tree.map(lambda leaf: leaf[0], path)
+    checked = checked_problem(rhs, bc, interval, first, singular_term, y.shape[0], p.shape[0])
+    given = (interval, path, checked.singular, as_double(tol), x, y, p)
+    run = _continue_compiled if within_transformation(checked, given) else _continue
+    solution = run(rhs, bc, *given, nodes=nodes, stages=stages, sweeps=sweeps)
     return raise_unless_successful(solution, solution.result, throw)
 
 
+def _continue(
+    rhs, bc, interval, path, S, tol, x, y, p, *, nodes: int, stages: int, sweeps: int
+) -> BVPSolution:
+    start = first_start(interval, x, y, p, nodes, stages)
+    rungs = jax.device_get(path)
+    count = len(jax.tree.leaves(rungs)[0])
+    for k in range(count):
+        args = checked_args(jax.tree.map(lambda leaf, k=k: leaf[k], rungs))
+        wanted = tol if k == count - 1 else _on_the_way(tol)
+        z, evidence = search(Problem(rhs, bc, interval, args, S), start, wanted, sweeps)
+        start = Start(evidence.mesh, z)
+    return as_solution(interval, z, evidence, tol)  # pyright: ignore[reportPossiblyUnbound]
+
+
+@part
+def _on_the_way(tol):
+    return jnp.maximum(tol, ON_THE_WAY)
+
+
 @kept_for_few
-def _continue(rhs, bc, interval, path, S, tol, x, y, p, *, nodes: int, stages: int, sweeps: int):
+def _continue_compiled(
+    rhs, bc, interval, path, S, tol, x, y, p, *, nodes: int, stages: int, sweeps: int
+) -> BVPSolution:
     last = jax.tree.map(lambda leaf: leaf[-1], path)
     problem = checked_problem(rhs, bc, interval, last, S, y.shape[0], p.shape[0])
     count = jax.tree.leaves(path)[0].shape[0]
-    tols = jnp.maximum(tol, ON_THE_WAY).repeat(count).at[-1].set(tol)
+    tols = _on_the_way(tol).repeat(count).at[-1].set(tol)
 
     def rung(carried, given):
         start, _ = carried

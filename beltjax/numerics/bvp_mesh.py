@@ -9,7 +9,7 @@ from beltjax.numerics.bvp_gauss import gauss
 # A node in five is spread evenly, whatever the layers ask for: what is not yet seen must have
 # a chance to be, and smooth parts carry layers' errors away if they are too coarse.
 FLOOR = 0.25
-SMOOTHING = 3  # passes of (1/4, 1/2, 1/4) over the nodes' density
+SMOOTHING = 3  # passes of (1/4, 1/2, 1/4) over the density of intervals of equal width
 
 
 def scale_of(y: Float[Array, "n *at"]) -> Float[Array, "n 1"]:
@@ -33,10 +33,20 @@ def monitor(interval: Interval, mesh: Mesh, z: Unknowns) -> Float[Array, " N"]:
 
 
 def smoothed(density: Float[Array, " N"], widths: Float[Array, " N"]) -> Float[Array, " N"]:
-    """The density averaged over neighbors, over a floor that is a share of its mean."""
+    """The density averaged over neighbors, over a floor that is a share of its mean.
+
+    A neighbor's density reaches as far as the neighbor is wide: else a layer's density, averaged
+    into the wide interval beside it, would draw the layer's own nodes out there.
+    """
+
+    def beside(x):
+        padded = jnp.concatenate([x[:1], x, x[-1:]])
+        return padded[:-2], padded[2:]
+
+    shares = [0.25 * jnp.minimum(1.0, width / widths) for width in beside(widths)]
     for _ in range(SMOOTHING):
-        padded = jnp.concatenate([density[:1], density, density[-1:]])
-        density = 0.25 * padded[:-2] + 0.5 * density + 0.25 * padded[2:]
+        pairs = zip(shares, beside(density), strict=True)
+        density = density + sum(share * (other - density) for share, other in pairs)
     mean = jnp.sum(density * widths)
     floor = jnp.where(mean > 0, FLOOR * mean, 1.0)
     return density + floor

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 from jax.core import Tracer
 
 from beltjax.numerics.bvp_collocation import Local, Mesh, Problem, Unknowns, evaluated
@@ -28,6 +29,14 @@ PROGRAMS_KEPT = 16
 def is_traced(*trees: Any) -> bool:
     """Whether any array in `trees` is known only as a symbol."""
     return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
+
+
+def within_transformation(*given: Any) -> bool:
+    """Whether a call with `given` is to become part of the caller's program.
+
+    A jitted function may be given nothing but numbers: that shows in an array made here.
+    """
+    return is_traced(given, jnp.zeros(()) + 0.0)
 
 
 def part(function: Function) -> Function:

@@ -6,7 +6,6 @@ will do. Its solution, stretched, is the guess for a longer one (Ascher, Matthei
 compiled already.
 """
 
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from beltjax.numerics.bvp_checks import as_double, first_start
