@@ -125,19 +125,19 @@ def solve_bvp(
     n, k = y.shape[0], p.shape[0]
     args = checked_args(args)
     checked = checked_problem(rhs, bc, interval, args, singular_term, n, k)
-    tol = as_double(tol)
+    wanted = as_double(tol)
     options = {"stages": stages, "sweeps": sweeps}
 
-    if within_transformation(checked, x, y, p, tol):
+    if within_transformation(checked, x, y, p, wanted):
         fixed = min(FIXED_NODES, max_nodes) if nodes is None else nodes
         solution = _solve_compiled(
-            rhs, bc, interval, args, singular_term, tol, x, y, p, nodes=fixed, **options
+            rhs, bc, interval, args, singular_term, wanted, x, y, p, nodes=fixed, **options
         )
     else:
         # As given, not as checked: a function that comes again is known by its identity.
         problem = Problem(rhs, bc, interval, args, checked.singular)
         most = max_nodes if nodes is None else nodes
-        solution = _adapted(problem, tol, (x, y, p), nodes or FIRST_NODES, most, options)
+        solution = _adapted(problem, wanted, (x, y, p), nodes or FIRST_NODES, most, options)
     return raise_unless_successful(solution, solution.result, throw)
 
 
@@ -215,7 +215,7 @@ def as_solution(
         condition=known.condition,
         result=result,
         stats={"newton_steps": evidence.passes, "mesh_sweeps": evidence.sweeps},
-        interval=tuple(interval),
+        interval=(interval.a, interval.b),
         mesh=evidence.mesh,
         slopes=z.K,
     )

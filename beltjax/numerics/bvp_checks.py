@@ -26,7 +26,9 @@ def as_double(value: Any) -> Array:
         )
     if jnp.iscomplexobj(value):
         raise ValueError("complex values: split the problem into real and imaginary parts.")
-    return jnp.asarray(value, dtype=jnp.float64)
+    if is_traced(value):
+        return jnp.asarray(value, dtype=jnp.float64)
+    return jnp.asarray(np.asarray(value, dtype=np.float64))  # by NumPy, which compiles nothing
 
 
 def check_sizes(tol: Any, nodes: int | None, max_nodes: int, stages: int) -> None:

@@ -68,15 +68,17 @@ def continue_bvp(
 def _continue(
     rhs, bc, interval, path, S, tol, x, y, p, *, nodes: int, stages: int, sweeps: int
 ) -> BVPSolution:
-    start = first_start(interval, x, y, p, nodes, stages)
     rungs = jax.device_get(path)
-    count = len(jax.tree.leaves(rungs)[0])
-    for k in range(count):
-        args = checked_args(jax.tree.map(lambda leaf, k=k: leaf[k], rungs))
-        wanted = tol if k == count - 1 else _on_the_way(tol)
-        z, evidence = search(Problem(rhs, bc, interval, args, S), start, wanted, sweeps)
+
+    def solved(k: int, start: Start, tol):
+        args = checked_args(jax.tree.map(lambda leaf: leaf[k], rungs))
+        return search(Problem(rhs, bc, interval, args, S), start, tol, sweeps)
+
+    start = first_start(interval, x, y, p, nodes, stages)
+    for k in range(len(jax.tree.leaves(rungs)[0]) - 1):
+        z, evidence = solved(k, start, _on_the_way(tol))
         start = Start(evidence.mesh, z)
-    return as_solution(interval, z, evidence, tol)  # pyright: ignore[reportPossiblyUnbound]
+    return as_solution(interval, *solved(-1, start, tol), tol)
 
 
 @part

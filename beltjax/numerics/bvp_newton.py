@@ -113,16 +113,14 @@ def _first_state(start: Unknowns, skip: Bool[Array, ""]) -> _State:
 def no_factor(like: Unknowns) -> Factor:
     """Zeros in the shape of a factored linearization at `like`."""
     s, n, N = like.K.shape
-    k = like.p.shape[0]
-    local = jax.tree.map(
-        lambda shape: jax.ShapeDtypeStruct(shape, like.y.dtype),
-        Local((s, n, N), (s, n, n + k, N), (n + k,), Ends((n + k, n), (n + k, n), (n + k, k))),
-        is_leaf=lambda node: type(node) is tuple,
-    )
-    one = jax.ShapeDtypeStruct((), like.y.dtype)
-    mesh = jax.ShapeDtypeStruct((N + 1,), like.y.dtype)
-    _, shapes = jax.eval_shape(factored, Interval(one, one), mesh, like, local)
-    return jax.tree.map(lambda shape: jnp.zeros(shape.shape, shape.dtype), shapes)
+    k, zeros = like.p.shape[0], jnp.zeros
+
+    def factor():
+        ends = Ends(zeros((n + k, n)), zeros((n + k, n)), zeros((n + k, k)))
+        local = Local(zeros((s, n, N)), zeros((s, n, n + k, N)), zeros(n + k), ends)
+        return factored(Interval(zeros(()), zeros(())), zeros(N + 1), like, local)[1]
+
+    return jax.tree.map(lambda like: zeros(like.shape, like.dtype), jax.eval_shape(factor))
 
 
 @part
