@@ -98,7 +98,9 @@ def solve_bvp(
     Gauss collocation (`stages` points an interval) on a mesh that moves to where the solution
     needs it, `sweeps` times at most. Called with concrete numbers, the number of nodes doubles
     from 32 up to `max_nodes` until the *estimated error*, relative to 1 + max |y_j|, is below
-    `tol`; `nodes=64` holds it fixed, as it is (at 64 unless given) under any transformation.
+    `tol`, and a guess from which Newton's method fails is tried on a growing interval; `nodes=64`
+    holds it fixed, as it is (at 64 unless given) under any transformation. Numbers in `args` become
+    arrays: new ones compile nothing, where `rhs` and `bc` are the same functions.
     With `throw=False` read `.result`: `mesh_exhausted` (best solution returned), `newton_failed`,
     `singular_system`, `equations_nonfinite`; the last three hold the guess, and zero derivatives.
 

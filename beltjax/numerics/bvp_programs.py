@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.core import Tracer
 
 from beltjax.numerics.bvp_collocation import Local, Mesh, Problem, Unknowns, evaluated
@@ -67,6 +68,10 @@ def repeat(going: Callable[[State], Any], body: Callable[[State], State], state:
     return state
 
 
+def _is_numbers(leaf: Any) -> bool:
+    return isinstance(leaf, jax.Array | np.ndarray | np.generic)
+
+
 def kept_for_few(function: Function, *, quick: bool = False) -> Function:
     """`function` jitted as by `eqx.filter_jit`; the programs of few static arguments are kept.
 
@@ -88,7 +93,7 @@ def kept_for_few(function: Function, *, quick: bool = False) -> Function:
 
     @functools.wraps(function)
     def call(*args, **kwargs):
-        arrays, rest = eqx.partition((args, kwargs), eqx.is_array)
+        arrays, rest = eqx.partition((args, kwargs), _is_numbers)
         static, structure = jax.tree.flatten(rest)
         return compiled(structure, tuple(static))(arrays)
 
