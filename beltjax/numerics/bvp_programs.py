@@ -22,9 +22,10 @@ from beltjax.numerics.compilation import quick_options
 State = TypeVar("State")
 Function = TypeVar("Function", bound=Callable)
 
-# A program of XLA for CPUs takes up to a thousand memory maps, of 65,530 that Linux gives to a
-# process by default.
-PROGRAMS_KEPT = 16
+# Linux gives 65,530 memory maps to a process by default. On CPUs a whole solver takes a thousand
+# or two, the evaluation of a problem's equations some forty for each size of mesh.
+SOLVERS_KEPT = 8
+EVALUATIONS_KEPT = 16
 
 
 def is_traced(*trees: Any) -> bool:
@@ -72,16 +73,16 @@ def _is_numbers(leaf: Any) -> bool:
     return isinstance(leaf, jax.Array | np.ndarray | np.generic)
 
 
-def kept_for_few(function: Function, *, quick: bool = False) -> Function:
+def kept_for_few(function: Function, *, most: int = SOLVERS_KEPT, quick: bool = False) -> Function:
     """`function` jitted as by `eqx.filter_jit`; the programs of few static arguments are kept.
 
     What is no array among the arguments (as the functions that make up a problem) is static.
-    Programs for the `PROGRAMS_KEPT` that were used last are kept; the memory and memory maps of
+    Programs for the `most` that were used last are kept; the memory and memory maps of
     others are returned, where `jax.jit` would keep thousands. With `quick`, compiled as by
     `quickly_compiled`, which cannot be done inside of another jitted function.
     """
 
-    @functools.lru_cache(maxsize=PROGRAMS_KEPT)
+    @functools.lru_cache(maxsize=most)
     def compiled(structure, static):
         rest = jax.tree.unflatten(structure, static)
 
@@ -100,7 +101,7 @@ def kept_for_few(function: Function, *, quick: bool = False) -> Function:
     return call  # pyright: ignore[reportReturnType]
 
 
-_evaluated = kept_for_few(evaluated, quick=True)
+_evaluated = kept_for_few(evaluated, most=EVALUATIONS_KEPT, quick=True)
 
 
 def evaluated_apart(problem: Problem, mesh: Mesh, z: Unknowns) -> Local:

@@ -12,7 +12,7 @@ import pytest
 from beltjax.numerics.bvp import solve_bvp
 from beltjax.numerics.bvp_checks import checked_guess, checked_interval, first_start
 from beltjax.numerics.bvp_continuation import continue_bvp
-from beltjax.numerics.bvp_programs import PROGRAMS_KEPT, kept_for_few
+from beltjax.numerics.bvp_programs import EVALUATIONS_KEPT, SOLVERS_KEPT, kept_for_few
 from beltjax.results import RESULTS
 
 UNIT = (0.0, 1.0)
@@ -86,14 +86,14 @@ def memory_maps():
 def test_programs_of_earlier_problems_are_given_back(first_solution):
     """Kept programs would be as many as problems, and their memory maps a thousand times that."""
     rights, maps = [], []
-    for k in range(PROGRAMS_KEPT + 4):
+    for k in range(EVALUATIONS_KEPT + 4):
         right = new_bratu(1.0 + 0.01 * k)
         rights.append(weakref.ref(right))
         solve_bvp(right, clamped, UNIT, FLAT, nodes=32)
         maps.append(memory_maps())
     gc.collect()
-    assert sum(right() is not None for right in rights) <= PROGRAMS_KEPT
-    assert maps[-1] <= maps[PROGRAMS_KEPT]
+    assert sum(right() is not None for right in rights) <= EVALUATIONS_KEPT
+    assert maps[-1] <= maps[EVALUATIONS_KEPT]
 
 
 def test_programs_of_earlier_derivatives_are_given_back():
@@ -104,11 +104,11 @@ def test_programs_of_earlier_derivatives_are_given_back():
         return jax.grad(lambda x: run(lambda x: jnp.sum(jnp.sin(factor * x) ** 3), x))(jnp.ones(5))
 
     maps = []
-    for k in range(PROGRAMS_KEPT + 6):
+    for k in range(SOLVERS_KEPT + 6):
         assert slope(float(k)) == pytest.approx(3 * k * np.sin(k) ** 2 * np.cos(k))
         maps.append(memory_maps())
     gc.collect()
-    assert memory_maps() <= maps[PROGRAMS_KEPT + 1]
+    assert memory_maps() <= maps[SOLVERS_KEPT + 1]
 
 
 # Guesses far from the solution.
