@@ -149,8 +149,8 @@ def _adapted(problem: Problem, tol, guess, nodes: int, most: int, options) -> BV
     retried = False
     while solution.result != RESULTS.successful:
         onwards = solution.result == RESULTS.mesh_exhausted
-        nodes = (2 if onwards else RETRY) * solution.nodes
-        if nodes > most or solution.result == RESULTS.equations_nonfinite:
+        nodes = 2 * solution.nodes if onwards else min(RETRY * solution.nodes, most)
+        if not solution.nodes < nodes <= most or solution.result == RESULTS.equations_nonfinite:
             break
         if onwards:
             begin = (solution.mesh, solution.y, solution.parameters)
@@ -172,7 +172,8 @@ def _reached(problem: Problem, tol, guess, nodes: int, options) -> BVPSolution:
     start = start_from_shorter(problem, *guess, nodes=nodes, stages=options["stages"])
     if start is None:
         return solution
-    return _judged(problem, start, tol, options["sweeps"])
+    grown = _judged(problem, start, tol, options["sweeps"])
+    return grown if bool(jnp.isfinite(grown.error)) else solution
 
 
 def _solve(problem: Problem, tol, x, y, p, *, nodes: int, stages: int, sweeps: int) -> BVPSolution:
