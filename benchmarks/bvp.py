@@ -4,7 +4,9 @@
 
 Prints: the three-pulley steady state (single, batched, with gradient, memory, compile time and
 what the persistent cache saves); twelve test problems, single and batched; cost against the
-number of nodes and of spans as fitted exponents. Times are medians.
+number of nodes and of spans as fitted exponents; many different problems in one process, with
+memory and memory maps, and problems that Newton's method fails on. Times are medians, but for
+first calls, most of which is compiling.
 """
 
 import dataclasses
@@ -18,6 +20,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.integrate
+import scipy.optimize
 
 jax.config.update("jax_enable_x64", True)
 
@@ -361,8 +364,106 @@ def scaling_rows():
     row("  exponent in spans", fitted=f"{exponent(sizes, times):.2f} (aim 1.0)")
 
 
+# Many problems in one process, and poor guesses.
+
+PROBLEMS_IN_ONE_PROCESS = 300
+FLAT = (np.array([0.0, 1.0]), np.zeros((2, 2)))
+
+
+def memory():
+    """Memory in use, and how many maps of the 65,530 that Linux gives to a process by default."""
+    status = Path("/proc/self/status").read_text()
+    kilobytes = int(status.split("VmRSS:")[1].split()[0])
+    maps = len(Path("/proc/self/maps").read_text().splitlines())
+    return {"memory": f"{kilobytes / 1e3:.0f} MB", "maps": maps}
+
+
+def bratu_peak(factor):
+    """y(1/2) of y'' = -factor e^y, y(0) = y(1) = 0, in closed form."""
+
+    def excess(z):
+        return 8 * z**2 / np.cosh(z) ** 2 - factor
+
+    root = scipy.optimize.root_scalar(excess, bracket=(0.0, 1.1996), xtol=1e-15).root
+    return 2 * np.log(np.cosh(root))
+
+
+def many_rows():
+    print(f"(d) {PROBLEMS_IN_ONE_PROCESS} different right sides in one process")
+    programs = []
+    jax.monitoring.register_event_duration_secs_listener(
+        lambda event, duration_secs, **_: (
+            programs.append(event) if "backend_compile" in event else None
+        )
+    )
+    row("  before", **memory())
+    seconds, errors = [], []
+    for k in range(PROBLEMS_IN_ONE_PROCESS):
+        factor = 1.0 + 2.0 * k / PROBLEMS_IN_ONE_PROCESS
+
+        def rhs(x, y, p, args, factor=factor):
+            return jnp.stack([y[1], -factor * jnp.exp(y[0])])
+
+        def bc(ya, yb, p, args):
+            return jnp.stack([ya[0], yb[0]])
+
+        programs.clear()
+        start = time.perf_counter()
+        solution = bj.solve_bvp(rhs, bc, (0.0, 1.0), FLAT)
+        seconds.append(time.perf_counter() - start)
+        errors.append(abs(float(solution(0.5)[0]) - bratu_peak(factor)))
+        if k in (0, 1, 9, 29, 99, 199, PROBLEMS_IN_ONE_PROCESS - 1):
+            row(f"  problem {k + 1}", took=ms(seconds[-1]), programs=len(programs), **memory())
+    row("  all but the first", each=ms(np.median(seconds[1:])), largest_error=f"{max(errors):.1e}")
+
+
+def poor_guess_rows():
+    print("(e) constant guesses from which Newton's method fails, compiling included")
+
+    def stagnation(x, y, p, args):
+        return jnp.stack([y[1], y[2], -y[0] * y[2] + y[1] ** 2 - 1])
+
+    def wall(ya, yb, p, args):
+        return jnp.stack([ya[0], ya[1], yb[1] - 1])
+
+    def disk(x, y, p, args):
+        F, F1, G, G1, H = y
+        return jnp.stack([F1, F**2 - G**2 + H * F1, G1, 2 * F * G + H * G1, -2 * F])
+
+    def rest(ya, yb, p, args):
+        return jnp.stack([ya[0], ya[2] - 1, ya[4], yb[0], yb[2]])
+
+    def bratu(x, y, p, factor):
+        return jnp.stack([y[1], -factor * jnp.exp(y[0])])
+
+    def clamped(ya, yb, p, args):
+        return jnp.stack([ya[0], yb[0]])
+
+    rows = [
+        ("stagnation flow", stagnation, wall, 10.0, (0, 0, 1), None, {2: 1.2325876568}),
+        ("rotating disk", disk, rest, 20.0, (1,) * 5, None, {1: 0.510233, 3: -0.615922}),
+        ("Bratu beyond its fold", bratu, clamped, 1.0, (0, 0), 4.0, {}),
+    ]
+    for name, rhs, bc, b, values, args, known in rows:
+        guess = (np.array([0.0, b]), np.repeat(np.array(values, float)[:, None], 2, axis=1))
+        start = time.perf_counter()
+        found = bj.solve_bvp(rhs, bc, (0.0, b), guess, args=args, throw=False)
+        seconds = time.perf_counter() - start
+        error = [f"{abs(float(found.y[j, 0]) - value):.0e}" for j, value in known.items()]
+        solved = bool(found.result == bj.RESULTS.successful)
+        row(f"  {name}", took=ms(seconds), solved=solved, errors=", ".join(error) or "none")
+
+
+PARTS = {
+    "a": steady_rows,
+    "b": problem_rows,
+    "c": scaling_rows,
+    "d": many_rows,
+    "e": poor_guess_rows,
+}
+
 if __name__ == "__main__":
-    which = sys.argv[1:] or ["a", "b", "c"]
-    for name, rows in (("a", steady_rows), ("b", problem_rows), ("c", scaling_rows)):
+    which = sys.argv[1:] or list(PARTS)
+    for name, rows in PARTS.items():
         if name in which:
             rows()

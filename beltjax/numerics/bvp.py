@@ -11,18 +11,20 @@ from jaxtyping import Array, Float
 from beltjax.numerics.bvp_checks import (
     as_double,
     check_sizes,
+    checked_args,
     checked_guess,
     checked_interval,
     checked_parameters,
     checked_problem,
     first_start,
-    is_traced,
 )
-from beltjax.numerics.bvp_collocation import Problem, Unknowns, interpolate
+from beltjax.numerics.bvp_collocation import Interval, Problem, Unknowns, interpolate
 from beltjax.numerics.bvp_estimate import ROUNDING, SINGULAR
-from beltjax.numerics.bvp_gauss import gauss
+from beltjax.numerics.bvp_programs import is_traced, kept_for_few, part, within_transformation
+from beltjax.numerics.bvp_reach import start_from_shorter
 from beltjax.numerics.bvp_solve import (
     Evidence,
+    Start,
     search,
     usable,
     with_derivative,
@@ -30,6 +32,7 @@ from beltjax.numerics.bvp_solve import (
 from beltjax.results import RESULTS, first_failure, raise_unless_successful
 
 FIRST_NODES = 32  # where growing begins
+RETRY = 4  # times the nodes, once, where no solution was reached
 FIXED_NODES = 64  # under a transformation, where the number cannot depend on the numbers
 
 
@@ -60,12 +63,14 @@ class BVPSolution(eqx.Module):
     def __call__(self, x: ArrayLike) -> Array:
         """y(x): [n] for a number, [n, m] for x [m]."""
         x = as_double(x)
-        length = self.interval[1] - self.interval[0]
-        fractions = (x - self.interval[0]) / length
         z = Unknowns(self.y, self.slopes, self.parameters)
-        scheme = gauss(self.slopes.shape[0])
-        y, _ = interpolate(length, scheme, self.mesh, z, jnp.atleast_1d(fractions))
+        y = _evaluated_at(Interval(*self.interval), self.mesh, z, jnp.atleast_1d(x))
         return y[:, 0] if x.ndim == 0 else y
+
+
+@part
+def _evaluated_at(interval: Interval, mesh: Array, z: Unknowns, x: Array) -> Array:
+    return interpolate(interval, mesh, z, (x - interval.a) / interval.length)[0]
 
 
 def solve_bvp(
@@ -93,7 +98,9 @@ def solve_bvp(
     Gauss collocation (`stages` points an interval) on a mesh that moves to where the solution
     needs it, `sweeps` times at most. Called with concrete numbers, the number of nodes doubles
     from 32 up to `max_nodes` until the *estimated error*, relative to 1 + max |y_j|, is below
-    `tol`; `nodes=64` holds it fixed, as it is (at 64 unless given) under any transformation.
+    `tol`, and a guess from which Newton's method fails is tried on a growing interval; `nodes=64`
+    holds it fixed, as it is (at 64 unless given) under any transformation. Numbers in `args` become
+    arrays: new ones compile nothing, where `rhs` and `bc` are the same functions.
     With `throw=False` read `.result`: `mesh_exhausted` (best solution returned), `newton_failed`,
     `singular_system`, `equations_nonfinite`; the last three hold the guess, and zero derivatives.
 
@@ -114,48 +121,81 @@ def solve_bvp(
     Ascher, Mattheij and Russell (1995), chapters 5, 8 and 9; Wright (1992) for the elimination.
     """
     check_sizes(tol, nodes, max_nodes, stages)
-    a, b = checked_interval(interval)
+    interval = checked_interval(interval)
     p = checked_parameters(parameters)
-    options = {"stages": stages, "sweeps": sweeps}
-    x, y = checked_guess(guess, a, b, points=max(nodes or 0, FIXED_NODES) + 1)
+    x, y = checked_guess(guess, interval, points=max(nodes or 0, FIXED_NODES) + 1)
     n, k = y.shape[0], p.shape[0]
-    checked_problem(rhs, bc, (a, b), args, singular_term, n, k)
-    given = (rhs, bc, (a, b), args, singular_term, as_double(tol))
+    args = checked_args(args)
+    checked = checked_problem(rhs, bc, interval, args, singular_term, n, k)
+    wanted = as_double(tol)
+    options = {"stages": stages, "sweeps": sweeps}
 
-    if nodes is None and not is_traced(given, x, y, p):
-        solution = _solve(*given, x, y, p, nodes=min(FIRST_NODES, max_nodes), **options)
-        if not is_traced(solution.error):
-            solution = _grow(solution, given, (x, y, p), max_nodes, options)
-            return raise_unless_successful(solution, solution.result, throw)
-    # What rhs closes over may be traced although nothing else is: the result tells.
-    fixed = min(FIXED_NODES, max_nodes) if nodes is None else nodes
-    solution = _solve(*given, x, y, p, nodes=fixed, **options)
+    if within_transformation(checked, x, y, p, wanted):
+        fixed = min(FIXED_NODES, max_nodes) if nodes is None else nodes
+        solution = _solve_compiled(
+            rhs, bc, interval, args, singular_term, wanted, x, y, p, nodes=fixed, **options
+        )
+    else:
+        # As given, not as checked: a function that comes again is known by its identity.
+        problem = Problem(rhs, bc, interval, args, checked.singular)
+        most = max_nodes if nodes is None else nodes
+        solution = _adapted(problem, wanted, (x, y, p), nodes or FIRST_NODES, most, options)
     return raise_unless_successful(solution, solution.result, throw)
 
 
-def _grow(solution: BVPSolution, given, start, max_nodes: int, options) -> BVPSolution:
-    """The solution on 2, 4, 8 ... times the nodes, until its estimated error will do."""
-    best = solution
-    while solution.result != RESULTS.successful and 2 * solution.nodes <= max_nodes:
-        if solution.result == RESULTS.equations_nonfinite:
-            break
+def _adapted(problem: Problem, tol, guess, nodes: int, most: int, options) -> BVPSolution:
+    """The solution on 1, 2, 4 ... times `nodes`, until its estimated error will do."""
+    solution = best = _reached(problem, tol, guess, min(nodes, most), options)
+    retried = False
+    while solution.result != RESULTS.successful:
         onwards = solution.result == RESULTS.mesh_exhausted
-        begin = (solution.mesh, solution.y, solution.parameters) if onwards else start
-        solution = _solve(*given, *begin, nodes=2 * solution.nodes, **options)
+        nodes = 2 * solution.nodes if onwards else min(RETRY * solution.nodes, most)
+        if not solution.nodes < nodes <= most or solution.result == RESULTS.equations_nonfinite:
+            break
+        if onwards:
+            begin = (solution.mesh, solution.y, solution.parameters)
+            solution = _solve(problem, tol, *begin, nodes=nodes, **options)
+        elif retried:
+            break
+        else:
+            solution, retried = _reached(problem, tol, guess, nodes, options), True
         if bool(solution.error < best.error) or not bool(jnp.isfinite(best.error)):
             best = solution
     return best
 
 
-@eqx.filter_jit
-def _solve(rhs, bc, ends, args, S, tol, x, y, p, *, nodes: int, stages: int, sweeps: int):
-    problem = checked_problem(rhs, bc, ends, args, S, y.shape[0], p.shape[0])
-    z, evidence = search(problem, first_start(x, y, p, nodes, stages), tol, stages, sweeps)
-    return as_solution(problem, with_derivative(problem, z, evidence), evidence, tol)
+def _reached(problem: Problem, tol, guess, nodes: int, options) -> BVPSolution:
+    """The solution from the guess or, where that leads nowhere, by a growing interval."""
+    solution = _solve(problem, tol, *guess, nodes=nodes, **options)
+    if solution.result == RESULTS.equations_nonfinite or bool(jnp.isfinite(solution.error)):
+        return solution
+    start = start_from_shorter(problem, *guess, nodes=nodes, stages=options["stages"])
+    if start is None:
+        return solution
+    grown = _judged(problem, start, tol, options["sweeps"])
+    return grown if bool(jnp.isfinite(grown.error)) else solution
 
 
+def _solve(problem: Problem, tol, x, y, p, *, nodes: int, stages: int, sweeps: int) -> BVPSolution:
+    start = first_start(problem.interval, x, y, p, nodes, stages)
+    return _judged(problem, start, tol, sweeps)
+
+
+def _judged(problem: Problem, start: Start, tol, sweeps: int) -> BVPSolution:
+    z, evidence = search(problem, start, tol, sweeps)
+    z = with_derivative(problem, z, evidence) if is_traced(z) else z
+    return as_solution(problem.interval, z, evidence, tol)
+
+
+@kept_for_few
+def _solve_compiled(rhs, bc, interval, args, S, tol, x, y, p, **options) -> BVPSolution:
+    problem = checked_problem(rhs, bc, interval, args, S, y.shape[0], p.shape[0])
+    return _solve(problem, tol, x, y, p, **options)
+
+
+@part
 def as_solution(
-    problem: Problem, z: Unknowns, evidence: Evidence, tol: Float[Array, ""]
+    interval: Interval, z: Unknowns, evidence: Evidence, tol: Float[Array, ""]
 ) -> BVPSolution:
     """What the search found, with the verdict on it."""
     good = usable(evidence)
@@ -170,7 +210,7 @@ def as_solution(
         (known.error > tol, RESULTS.mesh_exhausted),
     )
     return BVPSolution(
-        x=problem.a + (problem.b - problem.a) * evidence.mesh,
+        x=interval.a + interval.length * evidence.mesh,
         y=z.y,
         parameters=z.p,
         error=jnp.where(good, known.error, jnp.inf),
@@ -178,7 +218,7 @@ def as_solution(
         condition=known.condition,
         result=result,
         stats={"newton_steps": evidence.passes, "mesh_sweeps": evidence.sweeps},
-        interval=(problem.a, problem.b),
+        interval=(interval.a, interval.b),
         mesh=evidence.mesh,
         slopes=z.K,
     )

@@ -7,19 +7,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array
 
-from beltjax.numerics.bvp_collocation import Problem, Unknowns
+from beltjax.numerics.bvp_collocation import Interval, Problem, Unknowns
 from beltjax.numerics.bvp_gauss import MOST_STAGES
+from beltjax.numerics.bvp_programs import is_traced, part
 from beltjax.numerics.bvp_solve import Start
 
 FEWEST_NODES = 8
-
-
-def is_traced(*trees: Any) -> bool:
-    """Whether any array in `trees` is known only as a symbol."""
-    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
 
 
 def as_double(value: Any) -> Array:
@@ -31,7 +26,9 @@ def as_double(value: Any) -> Array:
         )
     if jnp.iscomplexobj(value):
         raise ValueError("complex values: split the problem into real and imaginary parts.")
-    return jnp.asarray(value, dtype=jnp.float64)
+    if is_traced(value):
+        return jnp.asarray(value, dtype=jnp.float64)
+    return jnp.asarray(np.asarray(value, dtype=np.float64))  # by NumPy, which compiles nothing
 
 
 def check_sizes(tol: Any, nodes: int | None, max_nodes: int, stages: int) -> None:
@@ -46,7 +43,7 @@ def check_sizes(tol: Any, nodes: int | None, max_nodes: int, stages: int) -> Non
         raise ValueError(f"stages must be from 2 to {MOST_STAGES - 1}, not {stages}.")
 
 
-def checked_interval(interval: Any) -> tuple[Array, Array]:
+def checked_interval(interval: Any) -> Interval:
     """(a, b) with a < b."""
     try:
         a, b = interval
@@ -57,14 +54,30 @@ def checked_interval(interval: Any) -> tuple[Array, Array]:
         raise ValueError(f"interval must hold two numbers, not shapes {a.shape} and {b.shape}.")
     if not is_traced(a, b) and not (np.isfinite(a) and np.isfinite(b) and a < b):
         raise ValueError(f"interval must be finite and run upwards, not ({a}, {b}).")
-    return a, b
+    return Interval(a, b)
 
 
-def checked_guess(guess: Any, a: Array, b: Array, points: int) -> tuple[Array, Array]:
+def checked_args(args: Any) -> Any:
+    """`args` with arrays for numbers, strongly typed: another number must not compile anew.
+
+    Truth values stay as they are, for choices that `rhs` makes in Python.
+    """
+    return jax.tree.map(_as_array, args)
+
+
+def _as_array(leaf: Any) -> Any:
+    if isinstance(leaf, bool) or not isinstance(
+        leaf, int | float | np.generic | np.ndarray | Array
+    ):
+        return leaf
+    return jnp.asarray(leaf, dtype=jnp.result_type(leaf))
+
+
+def checked_guess(guess: Any, interval: Interval, points: int) -> tuple[Array, Array]:
     """(x [m] as fractions of the interval, y [n, m]); a callable is asked at `points` places."""
     if callable(guess):
         x = jnp.linspace(0.0, 1.0, points)
-        y = jax.vmap(lambda x: as_double(guess(x)))(a + (b - a) * x)
+        y = jax.vmap(lambda x: as_double(guess(x)))(interval.a + interval.length * x)
         if y.ndim != 2:
             raise ValueError(f"guess(x) must have shape [n], not {y.shape[1:]}.")
     else:
@@ -80,7 +93,7 @@ def checked_guess(guess: Any, a: Array, b: Array, points: int) -> tuple[Array, A
             )
         if not is_traced(x) and not np.all(np.diff(x) > 0):
             raise ValueError("guess: x must increase.")
-        x = (x - a) / (b - a)
+        x = (x - interval.a) / interval.length
     if not is_traced(x, y) and not (np.all(np.isfinite(x)) and np.all(np.isfinite(y))):
         raise ValueError("guess holds values that are not finite.")
     if not y.shape[0]:
@@ -109,10 +122,10 @@ def checked_singular_term(singular_term: Any, n: int) -> Array | None:
 
 
 def checked_problem(
-    rhs: Callable, bc: Callable, ends: tuple[Array, Array], args: Any, S: Any, n: int, k: int
+    rhs: Callable, bc: Callable, interval: Interval, args: Any, S: Any, n: int, k: int
 ) -> Problem:
     """The problem, with whatever `rhs` and `bc` close over among its leaves."""
-    x, y, p = ends[0], jnp.zeros(n), jnp.zeros(k)
+    x, y, p = interval.a, jnp.zeros(n), jnp.zeros(k)
     for name, function, given, wanted in (
         ("rhs", rhs, (x, y, p, args), n),
         ("bc", bc, (y, y, p, args), n + k),
@@ -131,15 +144,24 @@ def checked_problem(
             raise ValueError(f"{name} returned complex values; split them into real parts.")
     rhs = eqx.filter_closure_convert(rhs, x, y, p, args)
     bc = eqx.filter_closure_convert(bc, y, y, p, args)
-    return Problem(rhs, bc, *ends, args, checked_singular_term(S, n))
+    return Problem(rhs, bc, interval, args, checked_singular_term(S, n))
 
 
-def first_start(x: Array, y: Array, p: Array, nodes: int, stages: int) -> Start:
+def first_start(interval: Interval, x: Array, y: Array, p: Array, nodes: int, stages: int) -> Start:
     """A start on `nodes` nodes, dense where the guess's points are."""
-    at = jnp.linspace(0.0, x.shape[0] - 1.0, nodes)
-    mesh = jnp.interp(at, jnp.arange(x.shape[0]), x)
+    # The sizes are those of arrays, because all that is compiled apart takes are arrays.
+    return _spread(interval, x, y, p, jnp.zeros(nodes), jnp.zeros(stages))
+
+
+@part
+def _spread(interval: Interval, x: Array, y: Array, p: Array, nodes: Array, stages: Array) -> Start:
+    # Numbers of the guess's intervals, each with a share: every interval has as many nodes.
+    at = np.linspace(0.0, len(x) - 1.0, len(nodes))
+    i = np.minimum(at.astype(int), len(x) - 2)
+    share = at - i
+    mesh = x[i] + share * (x[i + 1] - x[i])
     mesh = mesh.at[0].set(0.0).at[-1].set(1.0)
-    values = jax.vmap(lambda row: jnp.interp(mesh, x, row))(y)
-    slopes = jnp.diff(values, axis=1) / jnp.diff(mesh)
-    K = jnp.broadcast_to(slopes, (stages, *slopes.shape))
+    values = y[:, i] + share * (y[:, i + 1] - y[:, i])
+    slopes = jnp.diff(values, axis=1) / (interval.length * jnp.diff(mesh))
+    K = jnp.broadcast_to(slopes, (len(stages), *slopes.shape))
     return Start(mesh, Unknowns(values, K, p))

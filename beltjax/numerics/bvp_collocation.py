@@ -20,9 +20,21 @@ from jaxtyping import Array, Float
 
 from beltjax.numerics.bvp_blocks import inverse, matmul, matvec, mix
 from beltjax.numerics.bvp_chain import ChainFactor, Ends, Links, factor_chain, solve_chain
-from beltjax.numerics.bvp_gauss import Gauss
+from beltjax.numerics.bvp_gauss import Gauss, gauss
 
 Mesh = Float[Array, " N+1"]  # node positions as fractions of the interval, from 0 to 1
+
+
+class Interval(NamedTuple):
+    """[a, b]."""
+
+    a: Float[Array, ""]
+    b: Float[Array, ""]
+
+    @property
+    def length(self) -> Float[Array, ""]:
+        """The difference of the ends."""
+        return self.b - self.a
 
 
 class Problem(eqx.Module):
@@ -30,15 +42,14 @@ class Problem(eqx.Module):
 
     rhs: Callable
     bc: Callable
-    a: Float[Array, ""]
-    b: Float[Array, ""]
+    interval: Interval
     args: Any
     singular: Float[Array, "n n"] | None
 
     def slope(self, x: Float[Array, ""], y: Float[Array, " n"], p: Float[Array, " k"]):
         """dy/dx at one point, which is never x = a itself."""
         dy = self.rhs(x, y, p, self.args)
-        return dy if self.singular is None else dy + self.singular @ y / (x - self.a)
+        return dy if self.singular is None else dy + self.singular @ y / (x - self.interval.a)
 
 
 class Unknowns(NamedTuple):
@@ -68,40 +79,54 @@ class Factor(NamedTuple):
     ends: Ends
 
 
-def interval_lengths(problem: Problem, mesh: Mesh) -> Float[Array, " N"]:
+class Local(NamedTuple):
+    """What `rhs` and `bc` give at the unknowns, and their derivatives there."""
+
+    slopes: Float[Array, "s n N"]
+    jacobian: Float[Array, "s n n+k N"]  # of the slopes, by (y, p)
+    conditions: Float[Array, " n+k"]
+    ends: Ends
+
+
+def interval_lengths(interval: Interval, mesh: Mesh) -> Float[Array, " N"]:
     """h_i, in units of x."""
-    return (problem.b - problem.a) * jnp.diff(mesh)
+    return interval.length * jnp.diff(mesh)
 
 
-def stage_points(problem: Problem, scheme: Gauss, mesh: Mesh) -> Float[Array, "s N"]:
+def stage_points(interval: Interval, scheme: Gauss, mesh: Mesh) -> Float[Array, "s N"]:
     """x_ij."""
     fractions = mesh[:-1] + scheme.points[:, None] * jnp.diff(mesh)
-    return problem.a + (problem.b - problem.a) * fractions
+    return interval.a + interval.length * fractions
 
 
-def stage_values(problem: Problem, scheme: Gauss, mesh: Mesh, z: Unknowns) -> Float[Array, "s n N"]:
+def stage_values(interval: Interval, mesh: Mesh, z: Unknowns) -> Float[Array, "s n N"]:
     """Values y at the stages; linear in the unknowns."""
-    return z.y[:, :-1] + interval_lengths(problem, mesh) * mix(scheme.inner, z.K)
+    scheme = gauss(z.K.shape[0])
+    return z.y[:, :-1] + interval_lengths(interval, mesh) * mix(scheme.inner, z.K)
 
 
-def _assemble(problem, scheme, mesh, z, slopes) -> Residual:
-    h = interval_lengths(problem, mesh)
-    joints = z.y[:, 1:] - z.y[:, :-1] - h * mix(scheme.weights, z.K)
-    conditions = problem.bc(z.y[:, 0], z.y[:, -1], z.p, problem.args)
+def _assembled(interval: Interval, mesh: Mesh, z: Unknowns, slopes, conditions) -> Residual:
+    h = interval_lengths(interval, mesh)
+    joints = z.y[:, 1:] - z.y[:, :-1] - h * mix(gauss(z.K.shape[0]).weights, z.K)
     return Residual(slopes - z.K, joints, conditions)
 
 
-def residual(problem: Problem, scheme: Gauss, mesh: Mesh, z: Unknowns) -> Residual:
+def _at_stages(function: Callable, interval: Interval, mesh: Mesh, z: Unknowns):
+    points = stage_points(interval, gauss(z.K.shape[0]), mesh)
+    lanes = jax.vmap(function, in_axes=(0, 1), out_axes=-1)
+    return jax.vmap(lanes)(points, stage_values(interval, mesh, z))
+
+
+def residual(problem: Problem, mesh: Mesh, z: Unknowns) -> Residual:
     """What is left of the collocation equations."""
-    slopes = _everywhere(lambda x, y: problem.slope(x, y, z.p))(
-        stage_points(problem, scheme, mesh), stage_values(problem, scheme, mesh, z)
-    )
-    return _assemble(problem, scheme, mesh, z, slopes)
+    slopes = _at_stages(lambda x, y: problem.slope(x, y, z.p), problem.interval, mesh, z)
+    conditions = problem.bc(z.y[:, 0], z.y[:, -1], z.p, problem.args)
+    return _assembled(problem.interval, mesh, z, slopes, conditions)
 
 
-def factored(problem: Problem, scheme: Gauss, mesh: Mesh, z: Unknowns) -> tuple[Residual, Factor]:
-    """The residual and the factored linearization at `z`."""
-    n, k = z.y.shape[0], z.p.shape[0]
+def evaluated(problem: Problem, mesh: Mesh, z: Unknowns) -> Local:
+    """All that a step of Newton's method needs to know of `problem`."""
+    n = z.y.shape[0]
 
     def both(x, y):
         def slope(yp):
@@ -110,11 +135,20 @@ def factored(problem: Problem, scheme: Gauss, mesh: Mesh, z: Unknowns) -> tuple[
 
         return jax.jacfwd(slope, has_aux=True)(jnp.concatenate([y, z.p]))
 
-    J, slopes = _everywhere(both)(
-        stage_points(problem, scheme, mesh), stage_values(problem, scheme, mesh, z)
-    )  # J [s, n, n+k, N]
-    h = interval_lengths(problem, mesh)
-    s, N = scheme.stages, len(h)
+    def conditions(ya, yb, p):
+        value = problem.bc(ya, yb, p, problem.args)
+        return value, value
+
+    jacobian, slopes = _at_stages(both, problem.interval, mesh, z)
+    ends, value = jax.jacfwd(conditions, (0, 1, 2), has_aux=True)(z.y[:, 0], z.y[:, -1], z.p)
+    return Local(slopes, jacobian, value, Ends(*ends))
+
+
+def factored(interval: Interval, mesh: Mesh, z: Unknowns, local: Local) -> tuple[Residual, Factor]:
+    """The residual and the factored linearization at `z`, where `local` was evaluated."""
+    s, n, N = z.K.shape
+    scheme, k, J = gauss(s), z.p.shape[0], local.jacobian
+    h = interval_lengths(interval, mesh)
     coupled = h * scheme.inner[:, None, :, None, None] * J[:, :, None, :n]
     unit = jnp.eye(s * n).reshape(s, n, s, n, 1)
     inner = inverse((unit - coupled).reshape(s * n, s * n, N))
@@ -122,17 +156,18 @@ def factored(problem: Problem, scheme: Gauss, mesh: Mesh, z: Unknowns) -> tuple[
     carried = h * mix(scheme.weights, response.reshape(s, n, n + k, N))
     one = jnp.broadcast_to(jnp.eye(n)[..., None], (n, n, N))
     links = Links(-one - carried[:, :n], one, -carried[:, n:])
-    ends = Ends(*jax.jacfwd(problem.bc, (0, 1, 2))(z.y[:, 0], z.y[:, -1], z.p, problem.args))
     mean = h * mix(scheme.weights, J[:, :, :n])
-    factor = Factor(inner, response, h, factor_chain(links, ends), mean, ends)
-    return _assemble(problem, scheme, mesh, z, slopes), factor
+    chain = factor_chain(links, local.ends)
+    left = _assembled(interval, mesh, z, local.slopes, local.conditions)
+    return left, Factor(inner, response, h, chain, mean, local.ends)
 
 
-def solve_factored(factor: Factor, scheme: Gauss, right: Residual) -> Unknowns:
+def solve_factored(factor: Factor, right: Residual) -> Unknowns:
     """The change of the unknowns that changes the residual by `right`. Linear in `right`."""
     s, n, N = right.stages.shape
+    weights = gauss(s).weights
     forced = matvec(factor.inner, right.stages.reshape(s * n, N))
-    g = right.joints - factor.steps * mix(scheme.weights, forced.reshape(s, n, N))
+    g = right.joints - factor.steps * mix(weights, forced.reshape(s, n, N))
     y, p = solve_chain(factor.chain, g, right.conditions)
     both = jnp.concatenate([y[:, :-1], jnp.broadcast_to(p[:, None], (len(p), N))])
     K = matvec(factor.response, both) - forced
@@ -140,10 +175,10 @@ def solve_factored(factor: Factor, scheme: Gauss, right: Residual) -> Unknowns:
 
 
 def interpolate(
-    length: Float[Array, ""], scheme: Gauss, mesh: Mesh, z: Unknowns, x: Float[Array, " m"]
+    interval: Interval, mesh: Mesh, z: Unknowns, x: Float[Array, " m"]
 ) -> tuple[Float[Array, "n m"], Float[Array, "n m"]]:
-    """The piecewise polynomial and its derivative, at fractions `x` of an interval of `length`."""
-    N = mesh.shape[0] - 1
+    """The piecewise polynomial and its derivative, at fractions `x` of the interval."""
+    N, scheme = mesh.shape[0] - 1, gauss(z.K.shape[0])
     i = jnp.clip(jnp.searchsorted(mesh, x, side="right") - 1, 0, N - 1)
     width = mesh[i + 1] - mesh[i]
     t = (x - mesh[i]) / width
@@ -152,21 +187,15 @@ def interpolate(
     lagrange = jnp.tensordot(jnp.asarray(scheme.slope), powers, 1)
     degree = jnp.arange(1, scheme.stages + 1)
     B = jnp.tensordot(jnp.asarray(scheme.slope) / degree, powers * t, 1)
-    h = length * width
+    h = interval.length * width
     return z.y[:, i] + h * jnp.sum(B[:, None] * K, axis=0), jnp.sum(lagrange[:, None] * K, axis=0)
 
 
-def remesh(
-    problem: Problem, scheme: Gauss, old: Mesh, z: Unknowns, new: Mesh, to: Gauss
-) -> Unknowns:
+def remesh(interval: Interval, old: Mesh, z: Unknowns, new: Mesh, to: Gauss) -> Unknowns:
     """The same function on another mesh, by its slopes at the points of the formula `to`."""
-    y, _ = interpolate(problem.b - problem.a, scheme, old, z, new)
+    n, s, N = z.y.shape[0], to.stages, new.shape[0] - 1
     fractions = new[:-1] + to.points[:, None] * jnp.diff(new)
-    _, K = interpolate(problem.b - problem.a, scheme, old, z, fractions.reshape(-1))
-    n, s = z.y.shape[0], to.stages
-    return Unknowns(y, jnp.moveaxis(K.reshape(n, s, -1), 0, 1), z.p)
-
-
-def _everywhere(function):
-    lanes = jax.vmap(function, in_axes=(0, 1), out_axes=-1)
-    return jax.vmap(lanes)
+    # Both at once: what finds a point's interval is compiled once.
+    y, slopes = interpolate(interval, old, z, jnp.concatenate([new, fractions.reshape(-1)]))
+    K = slopes[:, N + 1 :].reshape(n, s, N)
+    return Unknowns(y[:, : N + 1], jnp.moveaxis(K, 0, 1), z.p)

@@ -12,6 +12,7 @@ from beltjax.numerics.bvp import FIXED_NODES, BVPSolution, as_solution
 from beltjax.numerics.bvp_checks import (
     as_double,
     check_sizes,
+    checked_args,
     checked_guess,
     checked_interval,
     checked_parameters,
@@ -19,7 +20,7 @@ from beltjax.numerics.bvp_checks import (
     first_start,
 )
 from beltjax.numerics.bvp_collocation import Problem, Residual, Unknowns, solve_factored
-from beltjax.numerics.bvp_gauss import gauss
+from beltjax.numerics.bvp_programs import kept_for_few, part, within_transformation
 from beltjax.numerics.bvp_solve import Evidence, Start, search, usable, with_derivative
 from beltjax.results import raise_unless_successful
 
@@ -49,39 +50,66 @@ def continue_bvp(
     the last is judged and differentiated.
     """
     check_sizes(tol, nodes, nodes, stages)
-    ends = checked_interval(interval)
+    interval = checked_interval(interval)
     p = checked_parameters(parameters)
-    x, y = checked_guess(guess, *ends, points=nodes + 1)
+    x, y = checked_guess(guess, interval, points=nodes + 1)
     lengths = {jnp.shape(leaf)[:1] for leaf in jax.tree.leaves(path)}
     if len(lengths) != 1 or () in lengths:
         raise ValueError(f"path: its leaves must share one leading axis; found {sorted(lengths)}.")
-    given = (rhs, bc, ends, jax.tree.map(jnp.asarray, path), singular_term, as_double(tol))
-    solution = _continue(*given, x, y, p, nodes=nodes, stages=stages, sweeps=sweeps)
+    path = checked_args(jax.tree.map(jnp.asarray, path))
+    first = jax.tree.map(lambda leaf: leaf[0], path)
+    checked = checked_problem(rhs, bc, interval, first, singular_term, y.shape[0], p.shape[0])
+    given = (interval, path, checked.singular, as_double(tol), x, y, p)
+    run = _continue_compiled if within_transformation(checked, given) else _continue
+    solution = run(rhs, bc, *given, nodes=nodes, stages=stages, sweeps=sweeps)
     return raise_unless_successful(solution, solution.result, throw)
 
 
-@eqx.filter_jit
-def _continue(rhs, bc, ends, path, S, tol, x, y, p, *, nodes: int, stages: int, sweeps: int):
+def _continue(
+    rhs, bc, interval, path, S, tol, x, y, p, *, nodes: int, stages: int, sweeps: int
+) -> BVPSolution:
+    rungs = jax.device_get(path)
+
+    def solved(k: int, start: Start, tol):
+        args = checked_args(jax.tree.map(lambda leaf: leaf[k], rungs))
+        return search(Problem(rhs, bc, interval, args, S), start, tol, sweeps)
+
+    start = first_start(interval, x, y, p, nodes, stages)
+    for k in range(len(jax.tree.leaves(rungs)[0]) - 1):
+        z, evidence = solved(k, start, _on_the_way(tol))
+        start = Start(evidence.mesh, z)
+    return as_solution(interval, *solved(-1, start, tol), tol)
+
+
+@part
+def _on_the_way(tol):
+    return jnp.maximum(tol, ON_THE_WAY)
+
+
+@kept_for_few
+def _continue_compiled(
+    rhs, bc, interval, path, S, tol, x, y, p, *, nodes: int, stages: int, sweeps: int
+) -> BVPSolution:
     last = jax.tree.map(lambda leaf: leaf[-1], path)
-    problem = checked_problem(rhs, bc, ends, last, S, y.shape[0], p.shape[0])
+    problem = checked_problem(rhs, bc, interval, last, S, y.shape[0], p.shape[0])
     count = jax.tree.leaves(path)[0].shape[0]
-    tols = jnp.maximum(tol, ON_THE_WAY).repeat(count).at[-1].set(tol)
+    tols = _on_the_way(tol).repeat(count).at[-1].set(tol)
 
     def rung(carried, given):
         start, _ = carried
         args, tol = given
-        here = Problem(problem.rhs, problem.bc, problem.a, problem.b, args, problem.singular)
-        z, evidence = search(here, start, tol, stages, sweeps)
+        here = Problem(problem.rhs, problem.bc, interval, args, problem.singular)
+        z, evidence = search(here, start, tol, sweeps)
         # A failed search returns its start, so this hands on the last solution there was.
         onwards = Start(evidence.mesh, z)
         return (onwards, evidence), None
 
-    begin = first_start(x, y, p, nodes, stages)
-    shapes = jax.eval_shape(lambda: search(problem, begin, tol, stages, sweeps)[1])
+    begin = first_start(interval, x, y, p, nodes, stages)
+    shapes = jax.eval_shape(lambda: search(problem, begin, tol, sweeps)[1])
     nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
     path, begin = jax.lax.stop_gradient((path, begin))
     (found, evidence), _ = jax.lax.scan(rung, (begin, nothing), (path, tols))
-    return as_solution(problem, with_derivative(problem, found.z, evidence), evidence, tol)
+    return as_solution(interval, with_derivative(problem, found.z, evidence), evidence, tol)
 
 
 class Branch(eqx.Module):
@@ -162,13 +190,14 @@ def follow_branch(
     direction of `step`'s sign; a step that fails is halved, one that succeeds grows back.
     """
     check_sizes(tol, nodes, nodes, stages)
-    ends = checked_interval(interval)
+    interval = checked_interval(interval)
+    args = checked_args(args)
     p = checked_parameters(parameters)
     if not p.shape[0]:
         raise ValueError("parameters must hold the parameter to vary, last; found shape (0,).")
-    x, y = checked_guess(guess, *ends, points=nodes + 1)
-    checked_problem(rhs, _with_one_more(bc), ends, args, None, y.shape[0], p.shape[0])
-    given = (rhs, bc, ends, args, as_double(tol), x, y, p, as_double(step))
+    x, y = checked_guess(guess, interval, points=nodes + 1)
+    checked_problem(rhs, _with_one_more(bc), interval, args, None, y.shape[0], p.shape[0])
+    given = (rhs, bc, interval, args, as_double(tol), x, y, p, as_double(step))
     return _follow(*given, points=points, nodes=nodes, stages=stages, sweeps=sweeps)
 
 
@@ -176,8 +205,8 @@ def _with_one_more(bc):
     return lambda ya, yb, p, args: jnp.concatenate([bc(ya, yb, p, args), p[-1:]])
 
 
-@eqx.filter_jit
-def _follow(rhs, bc, ends, args, tol, x, y, p, step, *, points, nodes, stages, sweeps):
+@kept_for_few
+def _follow(rhs, bc, interval, args, tol, x, y, p, step, *, points, nodes, stages, sweeps):
     n, k = y.shape[0], p.shape[0]
 
     def closed(ya, yb, p, along: _Along):
@@ -185,7 +214,7 @@ def _follow(rhs, bc, ends, args, tol, x, y, p, step, *, points, nodes, stages, s
         travelled = along.direction @ (ends - along.origin)
         return jnp.concatenate([bc(ya, yb, p, along.args), (travelled - along.distance)[None]])
 
-    begin = first_start(x, y, p, nodes, stages)
+    begin = first_start(interval, x, y, p, nodes, stages)
     upwards = jnp.zeros(2 * n + k).at[-1].set(1.0)
     first = _Point(
         begin,
@@ -198,32 +227,32 @@ def _follow(rhs, bc, ends, args, tol, x, y, p, step, *, points, nodes, stages, s
     )
     along = _Along(args, first.direction, first.origin, jnp.zeros(()))
     problem = checked_problem(
-        lambda x, y, p, along: rhs(x, y, p, along.args), closed, ends, along, None, n, k
+        lambda x, y, p, along: rhs(x, y, p, along.args), closed, interval, along, None, n, k
     )
 
     def advance(point: _Point, _):
         distance = jnp.where(point.first, 0.0, point.step)
         along = _Along(args, point.direction, point.origin, distance)
-        here = Problem(problem.rhs, problem.bc, problem.a, problem.b, along, None)
+        here = Problem(problem.rhs, problem.bc, interval, along, None)
         ahead = jax.tree.map(lambda a, d: a + distance * d, point.start.z, point.tangent)
-        z, evidence = search(here, Start(point.start.mesh, ahead), tol, stages, sweeps)
+        z, evidence = search(here, Start(point.start.mesh, ahead), tol, sweeps)
         good = usable(evidence)
-        reached = _reached(point, z, evidence, distance, step, stages)
+        reached = _reached(point, z, evidence, distance, step)
         kept = point._replace(step=0.5 * point.step)
         point = jax.tree.map(lambda a, b: jnp.where(good, a, b), reached, kept)
         held = jax.tree.map(lambda a, b: jnp.where(good, a, b), z, point.start.z)
-        solution = as_solution(here, held, evidence, tol)
+        solution = as_solution(interval, held, evidence, tol)
         return point, (solution, point.direction[-1], point.arclength, good)
 
     _, (solutions, slope, arclength, solved) = jax.lax.scan(advance, first, None, length=points)
     return Branch(solutions, solutions.parameters, slope, arclength, solved)
 
 
-def _reached(point: _Point, z: Unknowns, evidence: Evidence, distance, step, stages) -> _Point:
+def _reached(point: _Point, z: Unknowns, evidence: Evidence, distance, step) -> _Point:
     """The point just solved for, with the branch's tangent there."""
     right = Residual(*(jnp.zeros_like(x) for x in (z.K, z.K[0], _conditions(z))))
     right = right._replace(conditions=right.conditions.at[-1].set(1.0))
-    tangent = solve_factored(evidence.factor, gauss(stages), right)
+    tangent = solve_factored(evidence.factor, right)
     size = jnp.linalg.norm(_end_values(tangent))
     tangent = jax.tree.map(lambda d: d / jnp.where(size > 0, size, 1.0), tangent)
     longer = jnp.sign(step) * jnp.minimum(jnp.abs(step), 1.4 * jnp.abs(point.step))

@@ -18,9 +18,9 @@ from jaxtyping import Array, Float
 from beltjax.numerics.bvp_blocks import matmul
 from beltjax.numerics.bvp_chain import Ends
 from beltjax.numerics.bvp_collocation import (
-    Factor,
+    Interval,
+    Local,
     Mesh,
-    Problem,
     Residual,
     Unknowns,
     factored,
@@ -28,7 +28,7 @@ from beltjax.numerics.bvp_collocation import (
     solve_factored,
     stage_values,
 )
-from beltjax.numerics.bvp_gauss import Gauss, gauss
+from beltjax.numerics.bvp_gauss import gauss
 from beltjax.numerics.bvp_mesh import scale_of
 
 ROUNDING = 2.0**-53  # relative, of one operation
@@ -68,8 +68,16 @@ def cut_mesh(mesh: Mesh, mean: Float[Array, "n n N"]) -> Mesh:
     return jnp.concatenate([pairs, mesh[-1:]])
 
 
-def estimate(problem: Problem, scheme: Gauss, mesh: Mesh, z: Unknowns, factor: Factor) -> Estimate:
-    """Error, defect and condition of a solution `z` whose linearization is `factor`.
+def finer(
+    interval: Interval, mesh: Mesh, z: Unknowns, mean: Float[Array, "n n N"]
+) -> tuple[Mesh, Unknowns]:
+    """`z` on the cut mesh, with a stage more: where `estimate` wants the equations evaluated."""
+    cut = cut_mesh(mesh, mean)
+    return cut, remesh(interval, mesh, z, cut, gauss(z.K.shape[0] + 1))
+
+
+def estimate(interval: Interval, z: Unknowns, cut: Mesh, moved: Unknowns, local: Local) -> Estimate:
+    """Error, defect and condition of a solution `z`, which is `moved` on the finer mesh `cut`.
 
     The error is the distance from the solution with a stage more on the cut mesh, by one Newton
     step, at nodes and collocation points: relative to 1 + max |y_j| and to 1 + |p_j|, and never
@@ -82,15 +90,12 @@ def estimate(problem: Problem, scheme: Gauss, mesh: Mesh, z: Unknowns, factor: F
     `ROUNDING`. It is the constant of Ascher, Mattheij and Russell (1995), section 3.2, a bound
     of Green's function, up to the choice of norm.
     """
-    finer = gauss(scheme.stages + 1)
-    cut = cut_mesh(mesh, factor.mean)
-    moved = remesh(problem, scheme, mesh, z, cut, finer)
-    left, factor = factored(problem, finer, cut, moved)
+    left, factor = factored(interval, cut, moved, local)
     size, size_p = scale_of(z.y), 1.0 + jnp.abs(z.p)
 
     def response(right: Residual):
-        d = solve_factored(factor, finer, right)
-        inside = jnp.max(jnp.abs(stage_values(problem, finer, cut, d)) / size)
+        d = solve_factored(factor, right)
+        inside = jnp.max(jnp.abs(stage_values(interval, cut, d)) / size)
         parts = [inside, jnp.max(jnp.abs(d.y) / size)]
         parts.append(jnp.max(jnp.abs(d.p) / size_p, initial=0.0))
         largest = jnp.max(jnp.stack(parts))

@@ -12,8 +12,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from beltjax.numerics.bvp_chain import Ends
 from beltjax.numerics.bvp_collocation import (
     Factor,
+    Interval,
+    Local,
     Mesh,
     Problem,
     Unknowns,
@@ -21,10 +24,11 @@ from beltjax.numerics.bvp_collocation import (
     solve_factored,
     stage_values,
 )
-from beltjax.numerics.bvp_gauss import Gauss
 from beltjax.numerics.bvp_mesh import scale_of
+from beltjax.numerics.bvp_programs import evaluated_apart, part, repeat
 
 SMALLEST_DAMPING = 1e-6
+MOST_PASSES = 40
 
 
 class NewtonResult(NamedTuple):
@@ -50,6 +54,8 @@ class _State(NamedTuple):
     failed: Bool[Array, ""]
     finite: Bool[Array, ""]
     regular: Bool[Array, ""]
+    going: Bool[Array, ""]
+    trial: Unknowns  # where the equations are to be evaluated next
 
 
 class _Trial(NamedTuple):
@@ -70,26 +76,67 @@ class _Outcome(NamedTuple):
 
 def newton(
     problem: Problem,
-    scheme: Gauss,
     mesh: Mesh,
     start: Unknowns,
     *,
-    tol: float | Float[Array, ""],
-    max_passes: int = 40,
-    skip: Bool[Array, ""] | bool = False,
+    tol: Float[Array, ""],
+    skip: Bool[Array, ""],
 ) -> NewtonResult:
     """Zero of the collocation equations near `start`; steps are below `tol` at the end."""
 
     def body(state: _State) -> _State:
-        trial = _tried(problem, scheme, mesh, state)
-        outcome = _judged(problem, scheme, mesh, state, trial)
-        return _next(state, trial, outcome, tol)
+        local = evaluated_apart(problem, mesh, state.trial)
+        return _advanced(problem.interval, mesh, state, local, tol)
 
-    def unfinished(state: _State):
-        return ~state.done & ~state.failed & (state.passes < max_passes)
+    return _ended(repeat(lambda state: state.going, body, _first_state(start, skip)))
 
-    shapes = jax.eval_shape(lambda z: factored(problem, scheme, mesh, z)[1], start)
-    state = jax.lax.while_loop(unfinished, body, _first_state(start, shapes, skip))
+
+@part
+def _first_state(start: Unknowns, skip: Bool[Array, ""]) -> _State:
+    yes = jnp.array(True)
+    return _State(
+        z=start,
+        direction=jax.tree.map(jnp.zeros_like, start),
+        factor=no_factor(start),
+        damping=jnp.ones(()),
+        size=jnp.array(jnp.inf),
+        passes=jnp.zeros((), int),
+        done=skip,
+        failed=~yes,
+        finite=yes,
+        regular=yes,
+        going=~skip,
+        trial=start,
+    )
+
+
+def no_factor(like: Unknowns) -> Factor:
+    """Zeros in the shape of a factored linearization at `like`."""
+    s, n, N = like.K.shape
+    k, zeros = like.p.shape[0], jnp.zeros
+
+    def factor():
+        ends = Ends(zeros((n + k, n)), zeros((n + k, n)), zeros((n + k, k)))
+        local = Local(zeros((s, n, N)), zeros((s, n, n + k, N)), zeros(n + k), ends)
+        return factored(Interval(zeros(()), zeros(())), zeros(N + 1), like, local)[1]
+
+    return jax.tree.map(lambda like: zeros(like.shape, like.dtype), jax.eval_shape(factor))
+
+
+@part
+def _advanced(interval: Interval, mesh: Mesh, state: _State, local: Local, tol) -> _State:
+    """The state after a trial, at which the equations are `local`."""
+    left, factor = factored(interval, mesh, state.trial, local)
+    minus = jax.tree.map(jnp.negative, left)
+    simplified = solve_factored(state.factor, minus)
+    direction = solve_factored(factor, minus)
+    finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in left]))
+    trial = _Trial(state.trial, simplified, direction, factor, finite)
+    return _next(state, trial, _judged(interval, mesh, state, trial), tol)
+
+
+@part
+def _ended(state: _State) -> NewtonResult:
     # The last direction is far below `tol`: taking it whole squares the error once more.
     polished = _plus(state.z, jnp.where(state.done, 1.0, 0.0), state.direction)
     return NewtonResult(
@@ -103,39 +150,14 @@ def newton(
     )
 
 
-def _first_state(start: Unknowns, factor_shapes, skip) -> _State:
-    return _State(
-        z=start,
-        direction=jax.tree.map(jnp.zeros_like, start),
-        factor=jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), factor_shapes),
-        damping=jnp.ones(()),
-        size=jnp.array(jnp.inf),
-        passes=jnp.zeros((), int),
-        done=jnp.asarray(skip),
-        failed=jnp.array(False),
-        finite=jnp.array(True),
-        regular=jnp.array(True),
-    )
-
-
-def _tried(problem: Problem, scheme: Gauss, mesh: Mesh, state: _State) -> _Trial:
-    z = _plus(state.z, state.damping, state.direction)
-    left, factor = factored(problem, scheme, mesh, z)
-    minus = jax.tree.map(jnp.negative, left)
-    simplified = solve_factored(state.factor, scheme, minus)
-    direction = solve_factored(factor, scheme, minus)
-    finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in left]))
-    return _Trial(z, simplified, direction, factor, finite)
-
-
-def _judged(problem: Problem, scheme: Gauss, mesh: Mesh, state: _State, trial: _Trial) -> _Outcome:
+def _judged(interval: Interval, mesh: Mesh, state: _State, trial: _Trial) -> _Outcome:
     """The natural monotonicity test, and Deuflhard's damping after it.
 
     Where the test is passed: his prediction for the next step; else his correction of this one.
     """
 
     def sizes(d: Unknowns):
-        return _sizes(d, stage_values(problem, scheme, mesh, d), trial.z)
+        return _sizes(d, stage_values(interval, mesh, d), trial.z)
 
     first, t = state.passes == 0, state.damping
     old, _ = sizes(state.direction)
@@ -163,17 +185,22 @@ def _next(state: _State, trial: _Trial, outcome: _Outcome, tol) -> _State:
         (trial.z, trial.direction, trial.factor, largest),
         (state.z, state.direction, state.factor, state.size),
     )
+    done = (accept & (largest <= tol)) | stalled
+    failed = ~accept & (first | (damping < SMALLEST_DAMPING))
+    passes = state.passes + 1
     return _State(
         z=z,
         direction=direction,
         factor=factor,
         damping=damping,
         size=size,
-        passes=state.passes + 1,
-        done=(accept & (largest <= tol)) | stalled,
-        failed=~accept & (first | (damping < SMALLEST_DAMPING)),
+        passes=passes,
+        done=done,
+        failed=failed,
         finite=state.finite & (trial.finite | ~first),
         regular=state.regular & (jnp.isfinite(largest) | ~trial.finite | ~first),
+        going=~done & ~failed & (passes < MOST_PASSES),
+        trial=_plus(z, damping, direction),
     )
 
 

@@ -14,19 +14,21 @@ from jaxtyping import Array, Bool, Float, Int
 
 from beltjax.numerics.bvp_collocation import (
     Factor,
+    Interval,
+    Local,
     Mesh,
     Problem,
     Residual,
     Unknowns,
-    factored,
     remesh,
     residual,
     solve_factored,
 )
-from beltjax.numerics.bvp_estimate import Estimate, estimate
-from beltjax.numerics.bvp_gauss import Gauss, gauss
+from beltjax.numerics.bvp_estimate import Estimate, estimate, finer
+from beltjax.numerics.bvp_gauss import gauss
 from beltjax.numerics.bvp_mesh import moved_mesh
-from beltjax.numerics.bvp_newton import newton
+from beltjax.numerics.bvp_newton import NewtonResult, newton, no_factor
+from beltjax.numerics.bvp_programs import evaluated_apart, part, repeat
 
 SETTLED = 0.05  # a mesh whose nodes would move by less than this share of an interval stays
 
@@ -60,55 +62,99 @@ class _Sweep(NamedTuple):
     z: Unknowns  # of the last solve, on the last mesh
     mesh: Mesh
     best: tuple[Unknowns, Evidence]
-    done: Bool[Array, ""]
+    going: Bool[Array, ""]
+
+
+class _Onwards(NamedTuple):
+    """Where the next solve begins, and whether there is nothing left to move."""
+
+    mesh: Mesh
+    guess: Unknowns
+    settled: Bool[Array, ""]
 
 
 def search(
-    problem: Problem, start: Start, tol: Float[Array, ""], stages: int, sweeps: int
+    problem: Problem, start: Start, tol: Float[Array, ""], sweeps: int
 ) -> tuple[Unknowns, Evidence]:
     """Solution on as many nodes as `start` has, on the mesh that `sweeps` moves find best.
 
     Carries no derivative: see `with_derivative`.
     """
     problem, start, tol = _held((problem, start, tol))
-    scheme = gauss(stages)
+    interval = problem.interval
 
     def body(state: _Sweep) -> _Sweep:
-        z0, best = state.best
-        first = best.sweeps == 0
-        proposed = moved_mesh(problem, scheme, state.mesh, state.z)
-        shift = jnp.max(jnp.abs(proposed - state.mesh)[1:] / jnp.diff(state.mesh))
-        settled = (shift < SETTLED) & ~first
-        mesh = jnp.where(first | settled, state.mesh, proposed)
-        guess = remesh(problem, scheme, state.mesh, state.z, mesh, scheme)
-        guess = jax.tree.map(lambda a, b: jnp.where(first, a, b), state.z, guess)
-        root = newton(problem, scheme, mesh, guess, tol=_newton_tol(tol), skip=settled)
-        known = estimate(problem, scheme, mesh, root.z, root.factor)
-        found = Evidence(
-            mesh,
-            root.factor,
-            known,
-            root.converged,
-            root.finite,
-            root.regular,
-            root.passes,
-            best.sweeps,
-        )
-        better = ~settled & (first | (root.converged & (known.error < best.estimate.error)))
-        new_z, new = jax.tree.map(lambda a, b: jnp.where(better, a, b), (root.z, found), (z0, best))
-        counted = new._replace(passes=best.passes + root.passes, sweeps=best.sweeps + 1)
-        done = settled | ~root.converged | (known.error <= tol)
-        return _Sweep(root.z, mesh, (new_z, counted), done)
+        onwards = _onwards(interval, state)
+        root = newton(problem, onwards.mesh, onwards.guess, tol=equations_tol, skip=onwards.settled)
+        cut, moved = _finer(interval, onwards.mesh, root)
+        local = evaluated_apart(problem, cut, moved)
+        return _swept(interval, state, onwards, root, cut, moved, local, tol, most)
 
-    def unfinished(state: _Sweep):
-        return ~state.done & (state.best[1].sweeps < sweeps)
+    most, equations_tol = jnp.asarray(sweeps), _newton_tol(tol)
+    state = repeat(lambda state: state.going, body, _first_sweep(start, most))
+    return _usable_or_guess(start, *state.best)
 
-    shapes = jax.eval_shape(lambda z: factored(problem, scheme, start.mesh, z)[1], start.z)
-    nothing = jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shapes)
+
+@part
+def _first_sweep(start: Start, most: Int[Array, ""]) -> _Sweep:
     inf, no, zero = jnp.array(jnp.inf), jnp.array(False), jnp.zeros((), int)
-    evidence = Evidence(start.mesh, nothing, Estimate(inf, inf, inf), no, no, no, zero, zero)
-    state = _Sweep(start.z, start.mesh, (start.z, evidence), no)
-    z, evidence = jax.lax.while_loop(unfinished, body, state).best
+    estimate = Estimate(inf, inf, inf)
+    evidence = Evidence(start.mesh, no_factor(start.z), estimate, no, no, no, zero, zero)
+    return _Sweep(start.z, start.mesh, (start.z, evidence), most > 0)
+
+
+@part
+def _onwards(interval: Interval, state: _Sweep) -> _Onwards:
+    first = state.best[1].sweeps == 0
+    proposed = moved_mesh(interval, state.mesh, state.z)
+    shift = jnp.max(jnp.abs(proposed - state.mesh)[1:] / jnp.diff(state.mesh))
+    settled = (shift < SETTLED) & ~first
+    mesh = jnp.where(first | settled, state.mesh, proposed)
+    guess = remesh(interval, state.mesh, state.z, mesh, gauss(state.z.K.shape[0]))
+    guess = jax.tree.map(lambda a, b: jnp.where(first, a, b), state.z, guess)
+    return _Onwards(mesh, guess, settled)
+
+
+@part
+def _finer(interval: Interval, mesh: Mesh, root: NewtonResult) -> tuple[Mesh, Unknowns]:
+    return finer(interval, mesh, root.z, root.factor.mean)
+
+
+@part
+def _swept(
+    interval: Interval,
+    state: _Sweep,
+    onwards: _Onwards,
+    root: NewtonResult,
+    cut: Mesh,
+    moved: Unknowns,
+    local: Local,
+    tol: Float[Array, ""],
+    most: Int[Array, ""],
+) -> _Sweep:
+    """The state after a solve, with what the equations on the finer mesh say of it."""
+    z0, best = state.best
+    first, settled = best.sweeps == 0, onwards.settled
+    known = estimate(interval, root.z, cut, moved, local)
+    found = Evidence(
+        onwards.mesh,
+        root.factor,
+        known,
+        root.converged,
+        root.finite,
+        root.regular,
+        root.passes,
+        best.sweeps,
+    )
+    better = ~settled & (first | (root.converged & (known.error < best.estimate.error)))
+    new_z, new = jax.tree.map(lambda a, b: jnp.where(better, a, b), (root.z, found), (z0, best))
+    counted = new._replace(passes=best.passes + root.passes, sweeps=best.sweeps + 1)
+    done = settled | ~root.converged | (known.error <= tol)
+    return _Sweep(root.z, onwards.mesh, (new_z, counted), ~done & (counted.sweeps < most))
+
+
+@part
+def _usable_or_guess(start: Start, z: Unknowns, evidence: Evidence) -> tuple[Unknowns, Evidence]:
     good = usable(evidence)
     # A lane that failed holds its guess, and nothing that could turn a zero cotangent into nan.
     harmless = Start(start.mesh, jax.tree.map(jnp.nan_to_num, start.z))
@@ -122,6 +168,7 @@ def _held(tree):
     return eqx.combine(jax.lax.stop_gradient(arrays), rest)
 
 
+@part
 def _newton_tol(tol):
     # Two orders below what is asked for, and the last step is taken whole: the equations are
     # solved far better than the mesh resolves the solution.
@@ -140,21 +187,20 @@ def _with_derivative_jvp(primals, tangents):
     t_problem, _, _ = tangents
     # Through itself, so that the solution in the equations below has derivatives in its turn.
     z = with_derivative(problem, z, evidence)
-    scheme = gauss(z.K.shape[0])
     good = usable(evidence)
     moving, held = _split(problem, t_problem, good)
     # In a lane that failed no derivative passes, in either direction: not even 0 times nan.
     t_problem = jax.tree.map(lambda t: jnp.where(good, t, 0.0), t_problem)
 
     def left(moving, z):
-        return residual(eqx.combine(moving, held), scheme, evidence.mesh, z)
+        return residual(eqx.combine(moving, held), evidence.mesh, z)
 
     def linear(d):
         return jax.jvp(lambda z: left(moving, z), (z,), (d,))[1]
 
     _, change = jax.jvp(lambda m: left(m, z), (moving,), (t_problem,))
     factor = jax.tree.map(lambda a: jnp.where(good, a, 0.0), evidence.factor)
-    dz = _implicit_step(linear, factor, scheme, jax.tree.map(jnp.negative, change), z)
+    dz = _implicit_step(linear, factor, jax.tree.map(jnp.negative, change), z)
     return z, jax.tree.map(lambda d: jnp.where(good, d, 0.0), dz)
 
 
@@ -165,7 +211,7 @@ def _split(problem: Problem, t_problem: Any, good: Bool[Array, ""]) -> tuple[Any
     return barred, held
 
 
-def _implicit_step(linear, factor: Factor, scheme: Gauss, right: Residual, z: Unknowns):
+def _implicit_step(linear, factor: Factor, right: Residual, z: Unknowns):
     """J^-1 right with the factors at hand, differentiable through J alone."""
     flat_right, as_right = ravel_pytree(right)
     _, as_unknowns = ravel_pytree(z)
@@ -174,7 +220,7 @@ def _implicit_step(linear, factor: Factor, scheme: Gauss, right: Residual, z: Un
         return ravel_pytree(tree)[0]
 
     def quick(b):
-        return ravel(solve_factored(factor, scheme, as_right(b)))
+        return ravel(solve_factored(factor, as_right(b)))
 
     def refined(solve):
         # The factors belong to the iterate before the last; one correction makes up for that.

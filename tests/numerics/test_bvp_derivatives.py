@@ -164,6 +164,28 @@ def test_derivatives_with_respect_to_closure_interval_and_x():
         np.testing.assert_allclose(slope, exact, rtol=1e-7)
 
 
+def exact_height(v, z):
+    """y(x) of (scale, factor, b, x); Newton's steps from `z` carry the derivatives of the root."""
+    scale, factor, b, x = v
+    strength = lambda z: 8 * z**2 / jnp.cosh(z) ** 2  # noqa: E731
+    for _ in range(4):
+        z = z - (strength(z) - scale * factor * b**2) / jax.grad(strength)(z)
+    return 2 * jnp.log(jnp.cosh(z) / jnp.cosh(z * (1 - 2 * x / b)))
+
+
+@pytest.mark.slow  # each compiles for half a minute
+@pytest.mark.parametrize(
+    ("outer", "inner"),
+    [(jax.jacfwd, jax.jacrev), (jax.jacrev, jax.jacrev), (jax.jacrev, jax.jacfwd)],
+)
+def test_second_derivatives_with_respect_to_all(outer, inner):
+    """`jax.hessian` is forward over reverse."""
+    at = jnp.array([1.0, 1.2, 1.1, 0.3])
+    found = jax.jit(outer(inner(lambda v: height(At(*v), FLAT)[0])))(at)
+    expected = jax.hessian(exact_height)(at, exact_z(1.2 * 1.1**2))
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-8)
+
+
 def test_upper_branch_from_a_high_guess():
     found = lanes(np.full(8, 1.0), HIGH)
     assert found.good.all()
