@@ -52,6 +52,7 @@ from .numerics.bvp import solve_bvp as solve_bvp
 from .numerics.bvp_continuation import Branch as Branch
 from .numerics.bvp_continuation import continue_bvp as continue_bvp
 from .numerics.bvp_continuation import follow_branch as follow_branch
+from .numerics.compilation import quick_jit as quick_jit
 from .results import RESULTS as RESULTS
 from .results import AnalysisError as AnalysisError
 

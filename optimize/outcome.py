@@ -10,12 +10,20 @@ import numpy as np
 
 from beltjax.analysis.steady import SteadyState, steady_state
 from beltjax.drive.components import Drive
-from beltjax.numerics.compilation import quickly_compiled
 from beltjax.results import RESULTS, succeeded
 
 from .conflicts import conflicting, least_violated
 from .optimality import Local, Look, Optimality, optimality, polished
-from .problem import Measured, Scales, Starts, drive_at, measured, true_objectives, values_at
+from .problem import (
+    Measured,
+    Scales,
+    Starts,
+    drive_at,
+    measured_at,
+    own_values,
+    place_of,
+    values_at,
+)
 from .search import FEASIBLE, End, History, Search
 from .study import Study
 
@@ -111,8 +119,6 @@ def report(
     """The design that a search found; `asked` constraints are the study's own."""
     size = float(begin.scales.objective)
     basins = _basins(found.ends, look)
-    reached = [end.x for end in found.ends] + [basin.at.x for basin in basins]
-    objectives = true_objectives(study, begin, np.array(reached))
     result, x = _outcome(found, basins)
     evidence, conflicts = None, ()
     at = look(x)
@@ -126,20 +132,27 @@ def report(
     if evidence is not None:
         full[rows] = evidence.multipliers[: len(rows)]
     drive = drive_at(study, jnp.asarray(x))
-    steady, shown, drawn = _run(study, drive)
-    own, initial, _ = _run(study, study.drive)
+    own = study.drive
+    reached = [end.x for end in found.ends] + [basin.at.x for basin in basins]
+    places = np.array([x, place_of(study, own_values(study)), *reached])
+    shown, initial, *ended = measured_at(study, begin, places)
+    drawn = None
+    if study.scatter is not None:
+        drawn = measured_at(dataclasses.replace(study, scatter=None), begin, places[:1])[0]
+    objectives = [float(one.worst) for one in ended]
+    states = [jax.device_get(steady_state(d, study.point, throw=False)) for d in (drive, own)]
     prices = full * size if evidence is not None else None
     return Design(
         drive=drive,
-        steady=steady,
-        before=own,
+        steady=states[0],
+        before=states[1],
         values=values_at(study, x),
         initial=float(initial.worst) if initial.found else None,
         final=float(shown.worst) if shown.found else None,
         as_drawn=None if drawn is None else float(drawn.worst),
         constraints=_constraint_reports(study, asked, begin.scales, (shown, drawn), prices),
         starts=tuple(
-            StartReport(float(true) if end.valid else None, end.ending)
+            StartReport(true if end.valid else None, end.ending)
             for end, true in zip(found.ends, objectives, strict=False)
         ),
         optima=_optima(study, objectives[len(found.ends) :], basins, look),
@@ -169,12 +182,12 @@ def _outcome(found: Search, basins: list[_Basin]) -> tuple[RESULTS, np.ndarray]:
 
 
 def _optima(
-    study: Study, objectives: np.ndarray, basins: list[_Basin], look: Look
+    study: Study, objectives: list[float], basins: list[_Basin], look: Look
 ) -> tuple[Optimum, ...]:
     return tuple(
         Optimum(
             values_at(study, basin.at.x),
-            float(objective),
+            objective,
             basin.starts,
             optimality(basin.at, look, second=False).residual,
         )
@@ -211,18 +224,6 @@ def _bound_prices(study: Study, evidence: Optimality | None, size: float) -> dic
 def _named_scales(study: Study, scales: Scales) -> dict[str, float]:
     named = dict(zip(study.constraints.names, np.asarray(scales.constraints), strict=True))
     return {"objective": float(scales.objective)} | {k: float(v) for k, v in named.items()}
-
-
-def _run(study: Study, drive: Drive) -> tuple[SteadyState, Measured, Measured | None]:
-    return jax.device_get(quickly_compiled(_run_one)(study.asked, drive))
-
-
-def _run_one(study: Study, drive: Drive) -> tuple[SteadyState, Measured, Measured | None]:
-    """A drive as it runs, what the study measures, and that without the study's tolerances."""
-    drawn = None
-    if study.scatter is not None:
-        drawn = measured(dataclasses.replace(study, scatter=None), drive)
-    return steady_state(drive, study.point, throw=False), measured(study, drive), drawn
 
 
 def _constraint_reports(

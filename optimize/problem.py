@@ -74,18 +74,23 @@ def drive_at(study: Study, x: Unit) -> Drive:
     return with_values(study.drive, values)
 
 
+def place_of(study: Study, values: dict[str, float]) -> np.ndarray:
+    """Place of named values (SI) by the unit box, be they inside of it or not."""
+    lower, upper = np.asarray(study.variables.lower), np.asarray(study.variables.upper)
+    own = np.array([values[name] for name in study.variables.names])
+    return (own - lower) / (upper - lower)
+
+
 def in_box(study: Study, values: dict[str, float]) -> np.ndarray:
     """Place in the unit box of named values (SI), moved inside where they are not.
 
     Raises `ValueError` for a variable without a value, or with one that is not finite.
     """
-    lower, upper = np.asarray(study.variables.lower), np.asarray(study.variables.upper)
     for name in study.variables.names:
         if name not in values or not math.isfinite(values[name]):
             found = f"found {values[name]}" if name in values else "is missing"
             raise ValueError(f"warm: {name}: {found}; give each variable a finite value")
-    own = np.array([values[name] for name in study.variables.names])
-    return np.clip((own - lower) / (upper - lower), 0.0, 1.0)
+    return np.clip(place_of(study, values), 0.0, 1.0)
 
 
 def own_values(study: Study) -> dict[str, float]:
@@ -240,15 +245,15 @@ def starting_points(study: Study, warm: tuple[dict[str, float], ...] = ()) -> St
     )
 
 
-def true_objectives(study: Study, begin: Starts, points: np.ndarray) -> np.ndarray:
-    """Objectives [points] of designs in the unit box, with the true maximum over the cases.
+def measured_at(study: Study, begin: Starts, points: np.ndarray) -> list[Measured]:
+    """What the study measures of each of some designs, by their places in the unit box.
 
-    What a search minimizes is smooth instead. The program is the one that surveyed the starting
-    points, whence as many designs are measured at once.
+    The program is the one that surveyed the starting points, whence as many designs are measured
+    at once.
     """
     padded = np.resize(points, (max(begin.surveyed, len(points)), points.shape[1]))
     found = jax.device_get(quickly_compiled(_survey)(study.asked, jnp.asarray(padded)))
-    return found.worst[: len(points)]
+    return [jax.tree.map(lambda x, k=k: x[k], found) for k in range(len(points))]
 
 
 def _spread(values: np.ndarray) -> Float[Array, ""]:

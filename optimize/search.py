@@ -9,6 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from beltjax.numerics.compilation import quickly_compiled
 
@@ -151,18 +152,23 @@ def iterated(
 ) -> tuple[Iterate, bool]:
     """The states of all starts after the last outer iteration, and whether time sufficed."""
     for done in range(first, OUTER_STEPS + 1):
-        if bool(jnp.all(states.stopped)):
+        if np.all(states.stopped):
             break
         if not in_time(deadline):
             return states, False
         states = step(states)
-        tell(f"{int(jnp.sum(states.done))} of {states.done.size} converged", done, OUTER_STEPS)
+        tell(f"{int(np.sum(states.done))} of {states.done.size} converged", done, OUTER_STEPS)
     return states, True
 
 
 def first_states(begin: Starts) -> Iterate:
     """The augmented Lagrangian's state at every start."""
-    return jax.vmap(lambda x: first_iterate(x, 2 * sum(begin.parts)))(begin.points)
+    return _first_iterates(begin.points, 2 * sum(begin.parts))
+
+
+@functools.partial(jax.jit, static_argnums=1)
+def _first_iterates(points: Float[Array, "starts variables"], rows: int) -> Iterate:
+    return jax.vmap(lambda x: first_iterate(x, rows))(points)
 
 
 def batch_step(study: Study, scales: Scales, states: Iterate) -> Iterate:

@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[1]
 ALLOWED = {
     "numerics": {"numerics", "results"},
     "physics": {"numerics", "physics", "results"},
-    "drive": {"drive", "results", "errors", "writing"},
+    "drive": {"numerics", "drive", "results", "errors", "writing"},
     "analysis": {"numerics", "physics", "drive", "analysis", "results", "errors"},
     "report": {"numerics", "drive", "analysis", "report", "results", "errors", "writing"},
     # It compares the models themselves with print.

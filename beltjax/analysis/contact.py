@@ -28,6 +28,7 @@ from beltjax.drive.components import (
 from beltjax.drive.groups import ContactGroups, Scales, TravelOrder, contact_groups
 from beltjax.drive.layout import Layout, layout
 from beltjax.drive.usable import harmless, usable
+from beltjax.numerics.compilation import boundary_jit
 from beltjax.numerics.lanes import in_lanes_of
 from beltjax.numerics.slopes import differentiated_once
 from beltjax.physics import contact as physics
@@ -158,7 +159,7 @@ def asked(law: Law, maximum: bool) -> tuple[Float[Array, ""], Float[Array, ""]]:
     return as_real(LAWS[law]), as_real(maximum)
 
 
-@eqx.filter_jit
+@boundary_jit
 def contact_solution(drive: Drive, point: OperatingPoint, law, maximum) -> ContactState:
     """`contact_state` or `maximum_moment`, whose failures are in its result alone."""
     good = usable(drive, point)

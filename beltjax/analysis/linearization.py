@@ -9,6 +9,7 @@ from beltjax.drive.canonical import strongly_typed
 from beltjax.drive.components import Drive, as_optional
 from beltjax.drive.groups import Scales
 from beltjax.numerics.bases import AbstractBasis, Legendre
+from beltjax.numerics.compilation import boundary_jit
 from beltjax.physics import span
 from beltjax.physics.vibration import (
     VibrationModel,
@@ -113,7 +114,7 @@ def linearize(
     return raise_unless_successful(found, found.result, throw)
 
 
-@eqx.filter_jit
+@boundary_jit
 def _linearized(steady, basis, free: bool, fixed_steady, fixed_bending) -> Linearization:
     shaped = steady if fixed_steady is None else fixed_steady
     model = _model(steady, shaped, fixed_bending)

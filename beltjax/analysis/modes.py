@@ -13,6 +13,7 @@ from beltjax.analysis.damping import Damping, damping_matrix
 from beltjax.analysis.linearization import Linearization
 from beltjax.drive.canonical import strongly_typed
 from beltjax.numerics.bases import Products
+from beltjax.numerics.compilation import boundary_jit
 from beltjax.numerics.counting import Counted, counted_derivative, counted_root
 from beltjax.numerics.gyroscopic import (
     Eigen,
@@ -125,7 +126,7 @@ def modes(
     return raise_unless_successful(found, found.result, throw)
 
 
-@eqx.filter_jit
+@boundary_jit
 def _modes(
     linearization: Linearization, count: int, exact: bool, damping: Damping | None, route: Route
 ) -> Modes:

@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Complex, Float
 from beltjax.analysis.steady import steady_state
 from beltjax.drive.canonical import canonical
 from beltjax.drive.components import Drive, OperatingPoint, as_real, concrete
+from beltjax.numerics.compilation import boundary_jit
 from beltjax.physics import moving_beam as beam
 from beltjax.physics import moving_beam_expansion as expansion
 from beltjax.physics import moving_beam_shapes as shapes
@@ -188,7 +189,7 @@ def _outcome(eps: Scalar, v: Scalar, limit: Scalar) -> tuple[Scalar, Scalar, RES
     return jnp.where(good, eps, 0.0), jnp.where(good, v, 0.0), result
 
 
-@eqx.filter_jit
+@boundary_jit
 def _modes(eps: Scalar, v: Scalar, ends: Ends, count: int, method: Method) -> MovingBeamModes:
     exact = method == "exact"
     limit = beam.critical_speed(eps, ends) if exact else jnp.ones_like(eps)
@@ -224,7 +225,7 @@ def _modes(eps: Scalar, v: Scalar, ends: Ends, count: int, method: Method) -> Mo
     return frozen_where_failed(modes, result)
 
 
-@eqx.filter_jit
+@boundary_jit
 def _span_frequencies(
     drive: Drive, point: OperatingPoint, ends: Ends, count: int
 ) -> SpanFrequencies:

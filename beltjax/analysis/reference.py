@@ -11,6 +11,7 @@ from beltjax.drive.canonical import canonical
 from beltjax.drive.components import BeltGiven, Drive, OperatingPoint, TensionGiven
 from beltjax.drive.layout import Layout, Outline, Path, belt_path, layout, outline
 from beltjax.drive.usable import harmless, usable
+from beltjax.numerics.compilation import boundary_jit
 from beltjax.numerics.roots import Search, implicit_root, system_root
 from beltjax.results import (
     RESULTS,
@@ -71,7 +72,7 @@ def reference_state(drive: Drive, point: OperatingPoint, *, throw: bool = True) 
     return raise_unless_successful(state, state.result, throw)
 
 
-@jax.jit
+@boundary_jit
 def _reference_state(drive: Drive, point: OperatingPoint) -> ReferenceState:
     good = usable(drive, point)
     state = resting(*harmless(drive, point, good))

@@ -13,6 +13,7 @@ from beltjax.analysis.steady import steady_state
 from beltjax.drive.canonical import canonical, strongly_typed
 from beltjax.drive.components import Drive, OperatingPoint, as_complex, as_real, concrete
 from beltjax.numerics.bases import AbstractBasis, Legendre
+from beltjax.numerics.compilation import boundary_jit
 from beltjax.physics.exact_vibration import (
     dynamic_stiffness,
     span_response,
@@ -113,7 +114,7 @@ def frequency_response(
     return raise_unless_successful(found, found.result, throw)
 
 
-@eqx.filter_jit
+@boundary_jit
 def _response(lin, frequencies, crank, torques, damping, exact: bool) -> Response:
     """`frequency_response` to torques [pulleys], or [1] for the same on each."""
     forces = jnp.broadcast_to(torques / lin.joules, (lin.spans,))
@@ -258,7 +259,7 @@ def speed_response(
     return raise_unless_successful(found, found.result, throw)
 
 
-@eqx.filter_jit
+@boundary_jit
 def _over_speeds(drive, point, driver_speeds, shaken, order, damping, basis) -> Response:
     def at(speed):
         moved = eqx.tree_at(
@@ -313,7 +314,7 @@ def peak_response(
     return raise_unless_successful((peak, place), result, throw)
 
 
-@eqx.filter_jit
+@boundary_jit
 def _peak_response(linearization, amplitude, lower, upper, shaken, damping, points: int):
     def at(omega, lin):
         found = _response(lin, omega[None], *shaken, damping, False)

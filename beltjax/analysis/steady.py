@@ -16,6 +16,7 @@ from beltjax.drive.canonical import canonical
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.groups import Groups, Scales, groups_and_scales
 from beltjax.drive.usable import harmless, usable
+from beltjax.numerics.compilation import boundary_jit
 from beltjax.physics import steady as physics
 from beltjax.results import (
     RESULTS,
@@ -145,7 +146,7 @@ def steady_state(
     return raise_unless_successful(steady, steady.result, throw)
 
 
-@eqx.filter_jit
+@boundary_jit
 def _steady_state(drive: Drive, point: OperatingPoint, method: AbstractSteadyMethod) -> SteadyState:
     good = usable(drive, point)
     drive, point = harmless(drive, point, good)

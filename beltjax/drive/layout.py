@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float
 
 from beltjax.drive.canonical import canonical_drive
 from beltjax.drive.components import Drive, as_real
+from beltjax.numerics.compilation import boundary_jit
 from beltjax.results import (
     RESULTS,
     first_failure,
@@ -149,7 +150,7 @@ def layout(
     return raise_unless_successful(found, found.result, throw)
 
 
-@jax.jit
+@boundary_jit
 def _layout(drive: Drive, arm_rotation: Float[Array, ""]) -> Layout:
     of = outline(drive)
     path = belt_path(of, arm_rotation)

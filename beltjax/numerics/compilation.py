@@ -51,13 +51,15 @@ def in_form(numbers: list[Array], form: Form) -> Any:
     return eqx.combine(jax.tree.map(lambda place: numbers[place], form.places), form.rest)
 
 
-@functools.cache
-def quickly_compiled(function: Function) -> Function:
-    """`function`, jitted by XLA's plain kernels and without LLVM's optimizations.
+def quick_jit(function: Function) -> Function:
+    """`function`, jitted to be compiled in a quarter of the time and run at half the speed.
 
-    On a CPU it compiles in a quarter of the time and runs at about half the speed: right for one
-    drive or a few hundred designs, wrong for large batches. Elsewhere a plain jit. Derivatives
-    are taken inside of it, not of it.
+    That is right for one drive or a few hundred designs, and wrong for large batches or long
+    searches, which `jax.jit` serves better. Take derivatives and batches inside of it, not of it:
+    `quick_jit(jax.grad(f))`. Numbers that are not arrays are static, as in `equinox.filter_jit`.
+
+    On a CPU XLA is told to emit plain loops, not to optimize, and not to compute values again
+    that it could keep. Elsewhere it is a plain jit.
     """
     jitted: Any = eqx.filter_jit  # whose overloads leave out what it passes on to jax.jit
     if jax.default_backend() != "cpu":
@@ -69,6 +71,29 @@ def quickly_compiled(function: Function) -> Function:
         return in_form(with_bounded_fusion(call.function)(*call.arrays), call.forms[-1])
 
     return jitted(quick, compiler_options=quick_options())
+
+
+@functools.cache
+def quickly_compiled(function: Function) -> Function:
+    """`quick_jit` of a function of this library, made once."""
+    return quick_jit(function)
+
+
+def boundary_jit(function: Function) -> Function:
+    """`function`, jitted for the public boundary.
+
+    Called with numbers it is compiled quickly, for one drive is soon computed; called while JAX
+    traces, as a part of a larger program that the caller compiles.
+    """
+    traced: Any = eqx.filter_jit(function)
+
+    @functools.wraps(function)
+    def either(*args, **kwargs):
+        leaves = jax.tree.leaves((args, kwargs))
+        inside = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
+        return (traced if inside else quickly_compiled(function))(*args, **kwargs)
+
+    return either  # pyright: ignore[reportReturnType]
 
 
 # What XLA is told on a CPU, and why; measured with jax 0.10 on the seven-pulley steady state with
