@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from beltjax.drive.components import as_real
 from beltjax.drive.numbers import with_numbers
-from beltjax.numerics.compilation import quickly_compiled
+from beltjax.numerics.compilation import quickly_compiled, usual_promotion
 
 from .outcome import Design, report
 from .problem import Starts, limited_rows, starting_points, with_implied_constraints
@@ -35,6 +35,7 @@ class Chosen(NamedTuple):
     design: Design
 
 
+@usual_promotion
 def enumerated(study: Study, advance: Advance | None = None) -> list[Chosen]:
     """The best design of every combination of a study's choices, the best first.
 

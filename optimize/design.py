@@ -2,6 +2,8 @@
 
 import os
 
+from beltjax.numerics.compilation import usual_promotion
+
 from .checkpoint import Checkpoint
 from .outcome import Design, report
 from .problem import limited_rows, starting_points, with_implied_constraints
@@ -9,6 +11,7 @@ from .search import Advance, Means, deadline_of, looking, search
 from .study import Study
 
 
+@usual_promotion
 def minimize(
     study: Study,
     advance: Advance | None = None,

@@ -16,6 +16,7 @@ from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.files import drive_content
 from beltjax.drive.numbers import unit_of_number
 from beltjax.numerics.bases import AbstractBasis
+from beltjax.numerics.compilation import usual_promotion
 
 from .batches import FEW, FREQUENCY, Question, in_batches, library_versions
 from .cluster import cluster, on_cluster
@@ -34,6 +35,7 @@ MOST_BATCHES = 2**20  # each of them a file for every quantity
 Advance = Callable[[str, int, int | None], None]
 
 
+@usual_promotion
 def explore(
     drive: Drive,
     point: OperatingPoint,

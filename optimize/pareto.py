@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from beltjax.drive.components import as_real
+from beltjax.numerics.compilation import usual_promotion
 
 from .design import minimize
 from .optimality import SETTLED, optimality, polished
@@ -54,6 +55,7 @@ class Front(NamedTuple):
         return all(anchor.success for anchor in self.anchors)
 
 
+@usual_promotion
 def pareto(
     study: Study,
     names: tuple[str, ...] | None = None,

@@ -8,6 +8,7 @@ import numpy as np
 from beltjax.drive.components import as_real
 from beltjax.drive.numbers import SPEEDS, TORQUE, number_names, number_value, with_number
 from beltjax.drive.variables import ANGLE, ARM_LENGTH
+from beltjax.numerics.compilation import usual_promotion
 
 from .optimality import Local, optimality, response_to
 from .outcome import Design
@@ -42,6 +43,7 @@ def fixed_numbers(study: Study) -> list[str]:
     return [n for n in names if not n.startswith(TORQUE) and n not in relative]
 
 
+@usual_promotion
 def post_optimal(
     study: Study, design: Design, numbers: tuple[str, ...] | None = None
 ) -> PostOptimal:

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.numbers import number_value
-from beltjax.numerics.compilation import quickly_compiled
+from beltjax.numerics.compilation import quickly_compiled, usual_promotion
 
 from .batches import FEW, Question, in_batches
 from .measures import MeanPlus, Measure, WorstQuantile
@@ -62,6 +62,7 @@ class RobustValue(NamedTuple):
     failed: Float[Array, ""]  # share of the sample that does not run and is left out
 
 
+@usual_promotion
 def robustness(
     drive: Drive,
     point: OperatingPoint,
@@ -101,6 +102,7 @@ def robustness(
     return Robustness(spreads, quantile, samples, samples - len(found))
 
 
+@usual_promotion
 def sensitivity_indices(
     drive: Drive,
     point: OperatingPoint,
@@ -123,6 +125,7 @@ def sensitivity_indices(
     return dict(zip(quantities, found, strict=True))
 
 
+@usual_promotion
 def robust_value(
     drive: Drive,
     point: OperatingPoint,

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from beltjax.analysis.contact import ContactState
+from beltjax.numerics.compilation import usual_promotion
 from beltjax.physics import contact as physics
 from beltjax.physics.elastica import curvature_along
 
@@ -26,6 +27,7 @@ class BeltPiece(NamedTuple):
     curvature: np.ndarray  # [1/m], positive where the belt turns left
 
 
+@usual_promotion
 def belt_pieces(state: ContactState, points: int = POINTS) -> tuple[BeltPiece, ...]:
     """The whole belt, piece by piece in the direction of travel, from the first listed pulley.
 

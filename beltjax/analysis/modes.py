@@ -13,7 +13,7 @@ from beltjax.analysis.damping import Damping, damping_matrix
 from beltjax.analysis.linearization import Linearization
 from beltjax.drive.canonical import strongly_typed
 from beltjax.numerics.bases import Products
-from beltjax.numerics.compilation import boundary_jit
+from beltjax.numerics.compilation import boundary_jit, usual_promotion
 from beltjax.numerics.counting import Counted, counted_derivative, counted_root
 from beltjax.numerics.gyroscopic import (
     Eigen,
@@ -61,6 +61,7 @@ class Modes(eqx.Module):
     linearization: Linearization
     result: RESULTS
 
+    @usual_promotion
     def deflection(self, k: int, i: int, x: Array) -> Array:
         """Deflection of span i in mode k [m, zero to peak, complex], positive inwards.
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Complex, Float
 from beltjax.analysis.steady import steady_state
 from beltjax.drive.canonical import canonical
 from beltjax.drive.components import Drive, OperatingPoint, as_real, concrete
-from beltjax.numerics.compilation import boundary_jit
+from beltjax.numerics.compilation import boundary_jit, usual_promotion
 from beltjax.physics import moving_beam as beam
 from beltjax.physics import moving_beam_expansion as expansion
 from beltjax.physics import moving_beam_shapes as shapes
@@ -48,6 +48,7 @@ class MovingBeamModes(eqx.Module):
     ends: Ends = eqx.field(static=True)
     method: Method = eqx.field(static=True)
 
+    @usual_promotion
     def shapes(self, x: Any) -> Complex[Array, "count ..."]:
         """The modes at `x` in [0, 1], of any shape, scaled to c2 = i/2.
 

@@ -16,7 +16,7 @@ from beltjax.drive.canonical import canonical
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.groups import Groups, Scales, groups_and_scales
 from beltjax.drive.usable import harmless, usable
-from beltjax.numerics.compilation import boundary_jit
+from beltjax.numerics.compilation import boundary_jit, usual_promotion
 from beltjax.physics import steady as physics
 from beltjax.results import (
     RESULTS,
@@ -112,6 +112,7 @@ class SteadyState(eqx.Module):
     stats: dict[str, Array]
     method: AbstractSteadyMethod
 
+    @usual_promotion
     def deflection(self, i: int, x: Array) -> Array:
         """Deflection of span i at `x`, positive towards the inside of the loop.
 

@@ -19,7 +19,7 @@ from beltjax.drive.canonical import canonical, canonical_key
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.numbers import require_number, unit_of_number, with_number
 from beltjax.numerics.bases import AbstractBasis, Legendre
-from beltjax.numerics.compilation import in_chunks, quickly_compiled
+from beltjax.numerics.compilation import in_chunks, quickly_compiled, usual_promotion
 from beltjax.results import RESULTS, explanations, successes
 
 if TYPE_CHECKING:
@@ -110,6 +110,7 @@ class Sample(NamedTuple):
     result: RESULTS
 
 
+@usual_promotion
 def sweep(
     drive: Drive,
     point: OperatingPoint,

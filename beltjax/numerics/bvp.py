@@ -29,6 +29,7 @@ from beltjax.numerics.bvp_solve import (
     usable,
     with_derivative,
 )
+from beltjax.numerics.compilation import usual_promotion
 from beltjax.results import RESULTS, first_failure, raise_unless_successful
 
 FIRST_NODES = 32  # where growing begins
@@ -73,6 +74,7 @@ def _evaluated_at(interval: Interval, mesh: Array, z: Unknowns, x: Array) -> Arr
     return interpolate(interval, mesh, z, (x - interval.a) / interval.length)[0]
 
 
+@usual_promotion
 def solve_bvp(
     rhs: Callable,
     bc: Callable,

@@ -22,11 +22,13 @@ from beltjax.numerics.bvp_checks import (
 from beltjax.numerics.bvp_collocation import Problem, Residual, Unknowns, solve_factored
 from beltjax.numerics.bvp_programs import kept_for_few, part, within_transformation
 from beltjax.numerics.bvp_solve import Evidence, Start, search, usable, with_derivative
+from beltjax.numerics.compilation import usual_promotion
 from beltjax.results import raise_unless_successful
 
 ON_THE_WAY = 1e-3  # error allowed to the solutions that only lead to the last
 
 
+@usual_promotion
 def continue_bvp(
     rhs: Callable,
     bc: Callable,
@@ -166,6 +168,7 @@ class _Point(NamedTuple):
     first: Bool[Array, ""]
 
 
+@usual_promotion
 def follow_branch(
     rhs: Callable,
     bc: Callable,

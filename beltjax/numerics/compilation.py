@@ -51,6 +51,21 @@ def in_form(numbers: list[Array], form: Form) -> Any:
     return eqx.combine(jax.tree.map(lambda place: numbers[place], form.places), form.rest)
 
 
+def usual_promotion(function: Function) -> Function:
+    """`function` under JAX's usual rules for mixed ranks and types, whatever the caller's are.
+
+    Who sets `jax_numpy_rank_promotion="raise"` or `jax_numpy_dtype_promotion="strict"` wants their
+    own code checked, not this library's.
+    """
+
+    @functools.wraps(function)
+    def usual(*args, **kwargs):
+        with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
+            return function(*args, **kwargs)
+
+    return usual  # pyright: ignore[reportReturnType]
+
+
 def quick_jit(function: Function) -> Function:
     """`function`, jitted to be compiled in a quarter of the time and run at half the speed.
 
@@ -76,7 +91,7 @@ def quick_jit(function: Function) -> Function:
 @functools.cache
 def quickly_compiled(function: Function) -> Function:
     """`quick_jit` of a function of this library, made once."""
-    return quick_jit(function)
+    return usual_promotion(quick_jit(function))
 
 
 def boundary_jit(function: Function) -> Function:
@@ -85,7 +100,7 @@ def boundary_jit(function: Function) -> Function:
     Called with numbers it is compiled quickly, for one drive is soon computed; called while JAX
     traces, as a part of a larger program that the caller compiles.
     """
-    traced: Any = eqx.filter_jit(function)
+    traced: Any = usual_promotion(eqx.filter_jit(function))
 
     @functools.wraps(function)
     def either(*args, **kwargs):

@@ -98,3 +98,15 @@ def test_gradients_keep_the_names():
     assert of_drive.pulley_names == drive.pulley_names
     assert of_drive.name == drive.name
     assert jax.tree.structure(of_point) == jax.tree.structure(point)
+
+
+def test_users_may_forbid_promotion_in_their_own_code():
+    drive, point = example("three_pulley")
+    with jax.numpy_rank_promotion("raise"), jax.numpy_dtype_promotion("strict"):
+        for function in STEADY.values():
+            function(drive, point)
+        shaken(drive, point)
+        steady = bj.steady_state(drive, point)
+        steady.deflection(0, 0.5)
+        bj.modes(bj.linearize(steady, BASIS), 3).deflection(0, 0, 0.5)
+        bj.moving_beam_modes(0.02, 0.5).shapes([0.1, 0.9])
