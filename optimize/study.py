@@ -5,9 +5,11 @@ from typing import Literal, NamedTuple, get_args
 
 import equinox as eqx
 import jax
+import numpy as np
 from jaxtyping import Array, Float
 
-from beltjax.drive.components import Drive, OperatingPoint, as_real
+from beltjax.drive.canonical import strongly_typed
+from beltjax.drive.components import Drive, OperatingPoint, as_real, concrete
 from beltjax.drive.numbers import require_numbers
 from beltjax.drive.variables import variable_names
 
@@ -79,7 +81,7 @@ class Study(eqx.Module):
     cases: Cases | None = None
     scatter: Scatter | None = None
     method: Method = eqx.field(static=True, default=METHODS[0])
-    sharpness: float = eqx.field(static=True, default=50.0)  # of the soft maximum
+    sharpness: Float[Array, ""] = eqx.field(converter=as_real, default=50.0)  # of the soft maximum
     time_limit: float | None = eqx.field(static=True, default=None)  # [s]
     choices: tuple[Choice, ...] = eqx.field(static=True, default=())
     pareto: tuple[str, ...] = eqx.field(static=True, default=())  # objectives of a front
@@ -92,9 +94,18 @@ class Study(eqx.Module):
 
     @property
     def asked(self) -> "Study":
-        """The study without what only a search needs: searches of all kinds compile it once."""
+        """The study as compiled programs take it: searches of all kinds compile it once.
+
+        Without what only a search needs, and with strongly typed arrays for all numbers.
+        """
         search = {"starts": 1, "seed": 0, "name": "", "method": METHODS[0], "time_limit": None}
-        return dataclasses.replace(self, **search, choices=(), pareto=(), pareto_points=0)
+        bare = dataclasses.replace(self, **search, choices=(), pareto=(), pareto_points=0)
+        physical = jax.tree.map(as_real, (bare.drive, bare.point, bare.cases))
+        return strongly_typed(
+            eqx.tree_at(
+                lambda s: (s.drive, s.point, s.cases), bare, physical, is_leaf=lambda x: x is None
+            )
+        )
 
     def __check_init__(self):
         self._check_search()
@@ -121,10 +132,11 @@ class Study(eqx.Module):
             number = getattr(self, name)
             if not isinstance(number, int) or number < least:
                 raise ValueError(f"Study: {name} is a whole number from {least}, not {number!r}.")
-        for name in ("sharpness", "time_limit"):
-            number = getattr(self, name)
-            if number is not None and not number > 0:
-                raise ValueError(f"Study: {name} is positive, not {number!r}.")
+        sharpness = concrete(self.sharpness)
+        if sharpness is not None and not np.all(sharpness > 0):
+            raise ValueError(f"Study: sharpness is positive, not {sharpness}.")
+        if self.time_limit is not None and not self.time_limit > 0:
+            raise ValueError(f"Study: time_limit is positive, not {self.time_limit!r}.")
 
 
 def require_quantity(

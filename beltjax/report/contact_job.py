@@ -61,7 +61,7 @@ def _pictures(
     if figure:
         drawn.append((figure, contact_figures.contact_figure(drive, state)))
     if compare:
-        steady = quickly_compiled(_fixed_contacts)(drive, point)
+        steady = quickly_compiled(_fixed_contacts)(*canonical(drive, point))
         picture = contact_figures.two_models_figure(drive, [("", state, steady)])
         drawn.append((compare, picture))
     return tuple((name, figures.picture_bytes(picture, name)) for name, picture in drawn)

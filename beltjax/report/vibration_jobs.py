@@ -1,6 +1,5 @@
 """What `beltjax sweep` and `beltjax response` do, from a drive file to a report."""
 
-import dataclasses
 import functools
 import importlib
 import os
@@ -13,6 +12,7 @@ import numpy as np
 from beltjax.analysis.damping import Damping
 from beltjax.analysis.response import Excitation, Response, speed_response
 from beltjax.analysis.sweep import CHUNK, Sweep, require_count, sweep
+from beltjax.drive.canonical import canonical, canonical_name
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.files import load_drive
 from beltjax.drive.numbers import require_number, unit_of_number
@@ -146,11 +146,13 @@ def _responses(
     drive, point, speeds: np.ndarray, excitation, order, damping, advance: Advance
 ) -> Response:
     """Chunk by chunk, so that progress shows."""
-    point = dataclasses.replace(point, excitation=None)  # which is `excitation` by now
+    torques = excitation.on(drive.pulley_names)
+    named = {canonical_name(i): torque for i, torque in enumerate(torques)}
+    shaken = Excitation(excitation.crank, named)
+    numbers = canonical(drive, point)
 
     def run(chunk):
-        numbers = drive, point, jnp.asarray(chunk), excitation, order, damping
-        return quickly_compiled(_response)(*numbers)
+        return quickly_compiled(_response)(*numbers, jnp.asarray(chunk), shaken, order, damping)
 
     return in_chunks(run, speeds, CHUNK, functools.partial(advance, "forcing"))
 

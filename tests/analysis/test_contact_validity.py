@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from compilations import TYPES, compilations, renamed
 from contact_drives import equal
 from drives import example
 
@@ -59,6 +60,21 @@ def test_a_failure_of_the_layout_is_one_of_contact_and_failures_have_no_slopes()
         assert np.all(np.isfinite(leaf))
         assert np.all(leaf[1:] == 0.0)
     assert np.abs(slopes.belt.bending_stiffness[0]) > 0
+
+
+def test_new_numbers_and_names_compile_nothing():
+    def asked(drive, point):
+        state = bj.contact_state(drive, point, throw=False)
+        bj.belt_pieces(bj.maximum_moment(drive, point, throw=False), points=20)
+        return state
+
+    asked(*equal(M2=2.0))
+    for k, typed in enumerate(TYPES.values()):
+        drive, point = renamed(*equal(M2=2.0), f" {k}")
+        stiffer = eqx.tree_at(lambda d: d.belt.axial_stiffness, drive, typed(30_000 + k))
+        with compilations() as count:
+            asked(stiffer, point)
+        assert count == [0]
 
 
 @pytest.mark.slow
