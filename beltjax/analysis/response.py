@@ -89,7 +89,8 @@ def frequency_response(
 
     Solves (-Omega^2 M + i Omega (G + C) + K) z = f; `damping` is `Damping()` unless given: the
     arm's own. `names` are the drive's pulley names, needed for torques. `exact` solves the
-    spans in closed form instead, D(Omega) z = f (MODEL.md, section 3), for arm damping alone.
+    spans in closed form instead, D(Omega) z = f (docs/theory/vibration.md, (V14) to (V16)), for arm
+    damping alone.
 
     Raises `ValueError` for frequencies that are empty or not positive, for an excitation of a
     pulley that is not there, for crank motion of a drive linearized `free`, and for `exact`
