@@ -70,6 +70,7 @@ class Response(eqx.Module):
     # By what factor the excitation may grow until a span goes slack, where the fluctuation of its
     # tension reaches its running tension. Below 1 the linear response is not to be trusted.
     slack_factors: Float[Array, "points spans"]
+    stiffness_ratios: Float[Array, "points pulleys"]  # of the steady state, as `SteadyState` has
     coordinates: Complex[Array, "points size"] | None  # in the linearization's basis; None: exact
     result: RESULTS
     warning: RESULTS  # `span_slackens` where a slack factor is below 1
@@ -218,6 +219,7 @@ def _in_newtons(lin, frequencies, z, rotations, arm, strains, peaks, crank) -> R
         tensions=tensions,
         hub_loads=jnp.sqrt(jnp.sum(hub**2, axis=-1) + 1e-300),
         slack_factors=slack,
+        stiffness_ratios=jnp.tile(lin.steady.stiffness_ratios, (len(frequencies), 1)),
         coordinates=z,
         result=lin.result,
         warning=first_failure((jnp.any(slack < 1), RESULTS.span_slackens)),
