@@ -22,9 +22,9 @@ Number = Maybe | Row | list[Row]
 MARK = "<!-- keys: written by python -m beltjax.report.schema -->\n"
 
 
-def _of(kind: Any, text: str, **more: Any) -> Any:
-    """A key of this kind, with what it means."""
-    return Annotated[kind, Field(description=text, **more)]
+def _of(text: str, **more: Any) -> Any:
+    """What a key means."""
+    return Field(description=text, **more)
 
 
 class _Part(BaseModel):
@@ -34,172 +34,171 @@ class _Part(BaseModel):
 class Warned(_Part):
     """What limits the trust in a success."""
 
-    code: _of(str, "a member of `bj.RESULTS`: `belt_stiff_on_pulley`, `span_slackens`")
-    text: _of(str, "the same in words, with names and numbers")
+    code: str = _of("a member of `bj.RESULTS`: `belt_stiff_on_pulley`, `span_slackens`")
+    text: str = _of("the same in words, with names and numbers")
 
 
 class Document(_Part):
     """What every document has."""
 
     schema_: Annotated[Literal["1"], Field(alias="schema", description="version of the document")]
-    warnings: _of(list[Warned], "empty where nothing limits the trust")
+    warnings: list[Warned] = _of("empty where nothing limits the trust")
 
 
 class SpanLength(_Part):
     """A span of the path."""
 
-    name: _of(str, "between its pulleys' names, in listed order")
-    length: _of(Maybe, "m")
+    name: str = _of("between its pulleys' names, in listed order")
+    length: Maybe = _of("m")
 
 
 class Layout(_Part):
     """The path of the belt at rest."""
 
     spans: list[SpanLength]
-    wraps_deg: _of(Row, "of each pulley")
-    path_length: _of(Maybe, "m")
-    alignment_angles_deg: _of(
-        Annotated[list[float], Field(min_length=2, max_length=2)] | None,
-        "beta_in and beta_out; null without a tensioner",
+    wraps_deg: Row = _of("of each pulley")
+    path_length: Maybe = _of("m")
+    alignment_angles_deg: Annotated[list[float], Field(min_length=2, max_length=2)] | None = _of(
+        "beta_in and beta_out; null without a tensioner"
     )
 
 
 class Reference(_Part):
     """The belt at rest with the torques."""
 
-    tensions: _of(Row, "N, of each span")
-    unstretched_length: _of(Maybe, "m, of the belt")
-    arm_angle: _of(Maybe, "rad, direction of the arm")
-    free_angle: _of(Maybe, "rad, with its spring relaxed; whole turns count")
-    tensioner_effectiveness: _of(Maybe, "eta; null without a tensioner")
+    tensions: Row = _of("N, of each span")
+    unstretched_length: Maybe = _of("m, of the belt")
+    arm_angle: Maybe = _of("rad, direction of the arm")
+    free_angle: Maybe = _of("rad, with its spring relaxed; whole turns count")
+    tensioner_effectiveness: Maybe = _of("eta; null without a tensioner")
 
 
 class Groups(_Part):
     """The drive in pure numbers, and what they are measured in."""
 
-    bending: _of(Maybe, "eps")
-    speed: _of(Maybe, "s")
-    stretch: _of(Maybe, "gamma")
-    spring: _of(Maybe, "k_s; null without a tensioner")
-    tensions: _of(Row, "of each span at rest, over the tension without torques")
-    length: _of(Maybe, "m, mean of the spans")
-    time: _of(Maybe, "s, unit of time")
+    bending: Maybe = _of("eps")
+    speed: Maybe = _of("s")
+    stretch: Maybe = _of("gamma")
+    spring: Maybe = _of("k_s; null without a tensioner")
+    tensions: Row = _of("of each span at rest, over the tension without torques")
+    length: Maybe = _of("m, mean of the spans")
+    time: Maybe = _of("s, unit of time")
 
 
 class Steady(_Part):
     """The running drive."""
 
-    tension_change: _of(Maybe, "T, over the tension at rest without torques")
-    tensions: _of(Row, "N, of each span")
-    arm_rotation: _of(Maybe, "rad, from where it is at rest with the torques")
-    coupling: _of(Row, "Gamma of each span")
-    stiffness_ratios: _of(Row, "sqrt(EI/T)/radius of each pulley")
-    coupling_total: _of(Maybe, "Gamma")
+    tension_change: Maybe = _of("T, over the tension at rest without torques")
+    tensions: Row = _of("N, of each span")
+    arm_rotation: Maybe = _of("rad, from where it is at rest with the torques")
+    coupling: Row = _of("Gamma of each span")
+    stiffness_ratios: Row = _of("sqrt(EI/T)/radius of each pulley")
+    coupling_total: Maybe = _of("Gamma")
 
 
 class ModeTable(_Part):
     """The lowest modes, each list by mode."""
 
-    dimensionless: _of(Row, "frequencies in the unit of time")
-    hertz: _of(Row, "Hz")
-    labels: _of(list[str], "what moves")
-    error: _of(Row, "relative, estimated")
+    dimensionless: Row = _of("frequencies in the unit of time")
+    hertz: Row = _of("Hz")
+    labels: list[str] = _of("what moves")
+    error: Row = _of("relative, estimated")
 
 
 class Slopes(_Part):
     """Derivatives with respect to every number of the file, by its key, SI."""
 
-    coupling_total: _of(dict[str, Number], "of Gamma; a point has two")
-    frequencies: _of(dict[str, Number] | None, "of each mode's frequency [rad/s]")
+    coupling_total: dict[str, Number] = _of("of Gamma; a point has two")
+    frequencies: dict[str, Number] | None = _of("of each mode's frequency [rad/s]")
 
 
 class Analyze(Document):
     """`beltjax analyze`."""
 
-    drive: _of(str, "name of the drive")
-    pulleys: _of(list[str], "names in listed order")
+    drive: str = _of("name of the drive")
+    pulleys: list[str] = _of("names in listed order")
     success: bool
     layout: Layout
-    reference: _of(Reference | None, "null where none was found")
+    reference: Reference | None = _of("null where none was found")
     groups: Groups | None
-    steady: _of(Steady | None, "null where the drive does not run")
-    modes: _of(ModeTable | None, "null without inertias")
+    steady: Steady | None = _of("null where the drive does not run")
+    modes: ModeTable | None = _of("null without inertias")
     sensitivities: Slopes | None
 
 
 class VeeringFound(_Part):
     """Two modes that come close and exchange their shapes."""
 
-    value: _of(float, "of the swept number, SI")
-    modes: _of(list[int], "counted from 1")
-    gap_hertz: _of(float, "Hz, least distance")
-    resolved: _of(bool, "false: the gap is an upper bound")
+    value: float = _of("of the swept number, SI")
+    modes: list[int] = _of("counted from 1")
+    gap_hertz: float = _of("Hz, least distance")
+    resolved: bool = _of("false: the gap is an upper bound")
 
 
 class Sweep(Document):
     """`beltjax sweep`: rows by value, columns by mode."""
 
     drive: str
-    success: _of(bool, "whether any point succeeded")
-    over: _of(str, "key of the swept number")
-    unit: _of(str, "SI; empty for a pure number")
-    values: _of(list[float], "of the swept number, with those inserted")
-    hertz: _of(list[Row], "Hz; null where a mode is absent")
+    success: bool = _of("whether any point succeeded")
+    over: str = _of("key of the swept number")
+    unit: str = _of("SI; empty for a pure number")
+    values: list[float] = _of("of the swept number, with those inserted")
+    hertz: list[Row] = _of("Hz; null where a mode is absent")
     dimensionless: list[Row]
-    labels: _of(list[str], "what moves most in each mode")
-    error: _of(list[Row], "relative, of the frequencies")
-    mac: _of(list[Row], "agreement of shapes with the last good point")
-    coupling: _of(list[Row], "Gamma of each span")
-    coupling_total: _of(Row, "Gamma")
+    labels: list[str] = _of("what moves most in each mode")
+    error: list[Row] = _of("relative, of the frequencies")
+    mac: list[Row] = _of("agreement of shapes with the last good point")
+    coupling: list[Row] = _of("Gamma of each span")
+    coupling_total: Row = _of("Gamma")
     veerings: list[VeeringFound]
-    failures: _of(list[str | None], "why each point failed")
+    failures: list[str | None] = _of("why each point failed")
 
 
 class Swing(_Part):
     """A complex amplitude over the speeds."""
 
-    amplitude: _of(Row | list[Row], "zero to peak")
-    phase: _of(Row | list[Row], "rad")
+    amplitude: Row | list[Row] = _of("zero to peak")
+    phase: Row | list[Row] = _of("rad")
 
 
 class Peak(_Part):
     """An amplitude over the speeds."""
 
-    amplitude: _of(list[Row], "zero to peak")
+    amplitude: list[Row] = _of("zero to peak")
 
 
 class ForcedResponse(Document):
     """`beltjax response`: rows by speed, columns by pulley or span."""
 
     drive: str
-    success: _of(bool, "whether any speed succeeded")
-    order: _of(float, "of the excitation, per rotation of the driver")
-    driver_speed_rpm: _of(list[float], "rpm")
-    hertz: _of(list[float], "Hz, of the excitation")
-    pulleys: _of(list[str], "names of the columns")
-    spans: _of(list[str], "names of the columns")
-    pulley_rotation: _of(Swing, "rad")
-    arm_rotation: _of(Swing | None, "rad; null without a tensioner")
-    span_peak: _of(Peak, "m, largest deflection of each span")
-    tension: _of(Swing, "N, fluctuation of each span's tension")
-    hub_load: _of(Peak, "N, on each pulley")
-    slack_factor: _of(
-        Row, "part of the excitation from which on each span goes slack; null: none does"
+    success: bool = _of("whether any speed succeeded")
+    order: float = _of("of the excitation, per rotation of the driver")
+    driver_speed_rpm: list[float] = _of("rpm")
+    hertz: list[float] = _of("Hz, of the excitation")
+    pulleys: list[str] = _of("names of the columns")
+    spans: list[str] = _of("names of the columns")
+    pulley_rotation: Swing = _of("rad")
+    arm_rotation: Swing | None = _of("rad; null without a tensioner")
+    span_peak: Peak = _of("m, largest deflection of each span")
+    tension: Swing = _of("N, fluctuation of each span's tension")
+    hub_load: Peak = _of("N, on each pulley")
+    slack_factor: Row = _of(
+        "part of the excitation from which on each span goes slack; null: none does"
     )
-    failures: _of(list[str | None], "why each speed failed")
+    failures: list[str | None] = _of("why each speed failed")
 
 
 class TouchedPulley(_Part):
     """A pulley and the belt on it."""
 
     name: str
-    wrap_deg: _of(Maybe, "negative where the belt would have to bend back")
+    wrap_deg: Maybe = _of("negative where the belt would have to bend back")
     slip_deg: Maybe
-    adhesion_deg: _of(Maybe, "wrap less slip")
-    moment: _of(Maybe, "N m, taken from the belt; the driver's is negative")
-    speed: _of(Maybe, "rad/s")
-    contact_radius: _of(
-        Maybe, "of the belt at contact over the pulley's; 1 unless it touches at one point"
+    adhesion_deg: Maybe = _of("wrap less slip")
+    moment: Maybe = _of("N m, taken from the belt; the driver's is negative")
+    speed: Maybe = _of("rad/s")
+    contact_radius: Maybe = _of(
+        "of the belt at contact over the pulley's; 1 unless it touches at one point"
     )
 
 
@@ -207,41 +206,41 @@ class FreeSpan(_Part):
     """A free span, start and end in the direction of travel."""
 
     name: str
-    length: _of(Maybe, "m, stretched")
-    unstretched_length: _of(Maybe, "m")
-    tension_start: _of(Maybe, "N")
-    tension_mid: _of(Maybe, "N")
-    tension_end: _of(Maybe, "N")
-    speed_start: _of(Maybe, "m/s")
-    speed_end: _of(Maybe, "m/s")
-    angle_start_deg: _of(Maybe, "direction of the belt, from the line of centers")
-    angle_end_deg: _of(Maybe, "likewise")
+    length: Maybe = _of("m, stretched")
+    unstretched_length: Maybe = _of("m")
+    tension_start: Maybe = _of("N")
+    tension_mid: Maybe = _of("N")
+    tension_end: Maybe = _of("N")
+    speed_start: Maybe = _of("m/s")
+    speed_end: Maybe = _of("m/s")
+    angle_start_deg: Maybe = _of("direction of the belt, from the line of centers")
+    angle_end_deg: Maybe = _of("likewise")
 
 
 class Contact(Document):
     """`beltjax contact`: numbers are null where no state was found."""
 
     drive: str
-    feasible: _of(bool, "whether the state found can be: nothing slips fully, nothing leaves")
+    feasible: bool = _of("whether the state found can be: nothing slips fully, nothing leaves")
     pulleys: list[TouchedPulley] | None
     spans: list[FreeSpan] | None
-    unstretched_length: _of(Maybe, "m, of the belt")
-    efficiency: _of(Maybe, "power taken over power given")
-    driver_moment: _of(Maybe, "N m")
-    driven_moment: _of(Maybe, "N m; of two pulleys only")
-    torque_factor: _of(Maybe, "on the torques of the file; 1 without --maximum")
-    string_tension: _of(Maybe, "N, that this belt would have as a string in the drawn layout")
-    arm_angle: _of(Maybe, "rad")
-    free_angle: _of(Maybe, "rad")
-    unstretched_speed: _of(Maybe, "m/s, of the unstretched belt")
-    mass_flow: _of(Maybe, "kg/s")
-    message: _of(str, "why it is not feasible, or empty")
+    unstretched_length: Maybe = _of("m, of the belt")
+    efficiency: Maybe = _of("power taken over power given")
+    driver_moment: Maybe = _of("N m")
+    driven_moment: Maybe = _of("N m; of two pulleys only")
+    torque_factor: Maybe = _of("on the torques of the file; 1 without --maximum")
+    string_tension: Maybe = _of("N, that this belt would have as a string in the drawn layout")
+    arm_angle: Maybe = _of("rad")
+    free_angle: Maybe = _of("rad")
+    unstretched_speed: Maybe = _of("m/s, of the unstretched belt")
+    mass_flow: Maybe = _of("kg/s")
+    message: str = _of("why it is not feasible, or empty")
 
 
 class Objective(_Part):
     """The objective before and after."""
 
-    initial: _of(Maybe, "null where the study's own drive does not run")
+    initial: Maybe = _of("null where the study's own drive does not run")
     final: Maybe
 
 
@@ -249,10 +248,10 @@ class Limit(_Part):
     """A limit and the quantity it holds, SI and rad."""
 
     quantity: str
-    value: _of(Maybe, "the part closest to its limit")
+    value: Maybe = _of("the part closest to its limit")
     lower: Maybe
     upper: Maybe
-    multiplier: _of(Maybe, "what the next unit of the limit would buy; null: no optimum")
+    multiplier: Maybe = _of("what the next unit of the limit would buy; null: no optimum")
     active: bool
     violation: Maybe
 
@@ -267,19 +266,19 @@ class Start(_Part):
 class Conditions(_Part):
     """Conditions of an optimum at the design, checked numerically in the scaled problem."""
 
-    residual: _of(float, "largest of the next three")
+    residual: float = _of("largest of the next three")
     stationarity: float
     violation: float
     complementarity: float
-    curvature: _of(Maybe, "least, along the active limits: above 0 at a strict minimum")
+    curvature: Maybe = _of("least, along the active limits: above 0 at a strict minimum")
 
 
 class OptimumFound(_Part):
     """A design in which starts ended."""
 
-    values: _of(dict[str, float], "of the variables, SI")
+    values: dict[str, float] = _of("of the variables, SI")
     objective: float
-    starts: _of(int, "that ended there")
+    starts: int = _of("that ended there")
     residual: float
 
 
@@ -318,34 +317,34 @@ class Scattered(_Part):
 class Optimize(Document):
     """`beltjax optimize`."""
 
-    design: _of(dict[str, float], "of the variables, SI")
+    design: dict[str, float] = _of("of the variables, SI")
     objective: Objective
-    constraints: _of(list[Limit], "those of the study")
-    implied_constraints: _of(list[Limit], "those of every drive that can be built")
+    constraints: list[Limit] = _of("those of the study")
+    implied_constraints: list[Limit] = _of("those of every drive that can be built")
     success: bool
     starts: list[Start]
-    active_bounds: _of(dict[str, float], "what the next unit of a variable's bound would buy")
-    conflicts: _of(list[str], "limits that cannot be met together")
-    optimality: _of(Conditions | None, "null where the design is no optimum")
-    optima: _of(list[OptimumFound], "the best first")
-    scales: _of(dict[str, float], "in which residuals are measured")
+    active_bounds: dict[str, float] = _of("what the next unit of a variable's bound would buy")
+    conflicts: list[str] = _of("limits that cannot be met together")
+    optimality: Conditions | None = _of("null where the design is no optimum")
+    optima: list[OptimumFound] = _of("the best first")
+    scales: dict[str, float] = _of("in which residuals are measured")
     history: Iterations
-    choices: _of(list[ChosenOption], "only of a study with choices", default=[])
-    robust: _of(Scattered | None, "only of a study with tolerances", default=None)
+    choices: list[ChosenOption] = _of("only of a study with choices", default=[])
+    robust: Scattered | None = _of("only of a study with tolerances", default=None)
 
 
 class Designed(_Part):
     """A design of the front."""
 
     objectives: dict[str, float]
-    design: _of(dict[str, float], "of the variables, SI")
-    residual: _of(Maybe, "of the conditions of an optimum")
+    design: dict[str, float] = _of("of the variables, SI")
+    residual: Maybe = _of("of the conditions of an optimum")
 
 
 class Pareto(Document):
     """`beltjax pareto`."""
 
-    objectives: _of(list[str], "names")
+    objectives: list[str] = _of("names")
     points: list[Designed]
     success: bool
 
@@ -362,16 +361,16 @@ class Explored(_Part):
 
     name: str
     unit: str
-    found: _of(int, "designs that have it")
+    found: int = _of("designs that have it")
     least: Extreme | None
-    mean: _of(Maybe, "null for a quantity of parts")
+    mean: Maybe = _of("null for a quantity of parts")
     greatest: Extreme | None
 
 
 class Ended(_Part):
     """How many designs ended in one way."""
 
-    result: _of(str, "a member of `bj.RESULTS`")
+    result: str = _of("a member of `bj.RESULTS`")
     designs: int
     text: str
 
@@ -380,14 +379,14 @@ class Explore(Document):
     """`beltjax explore`."""
 
     drive: str
-    store: _of(str, "folder of the Zarr store")
+    store: str = _of("folder of the Zarr store")
     designs: int
-    designs_before: _of(int, "that the store held already")
-    repaired: _of(list[str], "damage that was mended")
+    designs_before: int = _of("that the store held already")
+    repaired: list[str] = _of("damage that was mended")
     seconds: float
     quantities: list[Explored]
-    outcomes: _of(list[Ended], "the most frequent first")
-    success: _of(bool, "whether any design succeeded")
+    outcomes: list[Ended] = _of("the most frequent first")
+    success: bool = _of("whether any design succeeded")
 
 
 class Index(_Part):
@@ -404,12 +403,12 @@ class Spread(_Part):
     unit: str
     nominal: float
     mean: float
-    deviation: _of(float, "standard")
-    low: _of(float, "below it lies 1 - quantile")
-    high: _of(float, "above it lies 1 - quantile")
-    linear_deviation: _of(float, "by exact slopes")
-    shares: _of(dict[str, float], "of the variance by slopes, by tolerance")
-    indices: _of(dict[str, Index], "only with --indices", default={})
+    deviation: float = _of("standard")
+    low: float = _of("below it lies 1 - quantile")
+    high: float = _of("above it lies 1 - quantile")
+    linear_deviation: float = _of("by exact slopes")
+    shares: dict[str, float] = _of("of the variance by slopes, by tolerance")
+    indices: dict[str, Index] = _of("only with --indices", default={})
 
 
 class Robust(Document):
@@ -418,7 +417,7 @@ class Robust(Document):
     drive: str
     success: bool
     samples: int
-    failed: _of(int, "samples in which no such drive runs; left out")
+    failed: int = _of("samples in which no such drive runs; left out")
     quantile: float
     quantities: list[Spread]
 
