@@ -378,20 +378,21 @@ def _finish(report: Any, json_path: str | None) -> None:
     """Write the files, print the tables or the JSON, and leave with the right status."""
     from rich.console import Console
 
-    from beltjax.report.documents import json_text, write_json
+    from beltjax.report.documents import complete, json_text, write_json
     from beltjax.writing import write_whole
 
+    document = complete(report.document)
     for path, content in report.files:
         write_whole(path, content)
     if json_path == "-":
-        click.echo(json_text(report.document))
+        click.echo(json_text(document))
     else:
         console = Console()
         # Piped into a file there is no width to fit; names must not be cut there.
         console.width = console.width if console.is_terminal else 120
         console.print(report.tables)
         if json_path:
-            write_json(report.document, json_path)
+            write_json(document, json_path)
         written = [path for path, _ in report.files] + [json_path] * bool(json_path)
         if written:
             click.echo(f"wrote {', '.join(written)}")

@@ -6,7 +6,7 @@ exact slopes. In one run, for the lowest four frequencies of beams with random (
 
   exact         the determinant of the boundary conditions by a phase that counts, under `vmap`
   slopes        the same, with d omega/d eps and d omega/d v of every frequency
-  perturbation  the expansion to the order of MODEL.md: its error says where it will do
+  perturbation  docs/theory/moving_beam.md, (B10) and (B11): its error says where it will do
   SciPy         `brentq` on the determinant, waves by `numpy.roots`, one beam at a time; it is
                 handed a bracket for each root, halfway between the exact ones
 

@@ -1,6 +1,8 @@
+import json
 import os
 import sys
 from importlib.metadata import version
+from pathlib import Path
 
 # Compiling is most of what these tests wait for: do it as `quickly_compiled` does. Set before
 # JAX starts.
@@ -14,6 +16,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import jax  # noqa: E402
 import pytest  # noqa: E402
+from schemas import documented  # noqa: E402
 
 import beltjax.__main__  # noqa: E402
 import beltjax.cli  # noqa: E402
@@ -36,9 +39,20 @@ def run(monkeypatch, capsys, tmp_path):
         with pytest.raises(SystemExit) as end:
             beltjax.__main__.main()
         output = capsys.readouterr()
+        _check_document([*map(str, words)], end.value.code, output.out)
         return end.value.code, output.out, output.err
 
     return call
+
+
+def _check_document(words, status, output):
+    """Where a command has written a document, hold it to its schema."""
+    if "--json" not in words or status not in (0, 2):
+        return
+    place = words[words.index("--json") + 1]
+    text = output if place == "-" else Path(place).read_text() if Path(place).is_file() else ""
+    if text.startswith("{"):
+        documented(words[0], json.loads(text))
 
 
 def pytest_collection_modifyitems(items):

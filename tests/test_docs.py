@@ -14,6 +14,7 @@ BLOCKS = {
     "bvp": 4,
     "contact": 5,
     "derivatives": 7,
+    "documents": 1,
     "drive_file": 1,
     "exploration": 6,
     "first_drive": 2,

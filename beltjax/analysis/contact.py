@@ -97,8 +97,9 @@ def contact_state(
 ) -> ContactState:
     """The running belt on its pulleys: contact points, arcs of slip and adhesion, tensions, speeds.
 
-    Belt inertia, bending stiffness and creep; large rotations. Kong (2003), section 5, for any
-    number of pulleys on either face, with a tensioner or none; MODEL.md, section 4.
+    Belt inertia, bending stiffness and creep; large rotations. Kong (2003), chapter 5, for any
+    number of pulleys on either face, with a tensioner or none; docs/theory/contact.md, (C1) to
+    (C25).
     `installation.tension` is the mean over the spans of the tension at half their length, at
     rest without torques; with `tension_of="string"` it is the tension of the same belt as a
     string. `law="hyperelastic"` replaces T = EA e by EA e = T + EI kappa^2/2, under which power

@@ -88,8 +88,9 @@ def moving_beam_modes(
     "exact" solves the boundary determinant for any bending >= 0 and any speed below critical,
     v^2 = 1 + beta^2 bending^2 with beta = pi for simple supports, 4.4934 with one fixed end and
     2 pi with two; `error` is what one more step would change. "perturbation" is (2.28), (2.37)
-    or (2.38) with the next term (MODEL.md, section 1), the roots (2.15) and the modes (2.34), for
-    speeds below 1 and small bending; `error` is the size of the last term.
+    or (2.38) with the next term (docs/theory/moving_beam.md, (B10) and (B11)), the roots (2.15)
+    and the modes (2.34), for speeds below 1 and small bending; `error` is the size of the last
+    term.
 
     Both are differentiable in `bending` and `speed`, also at 0. Raises `ValueError` for what is
     wrong whatever the numbers, or known to be.

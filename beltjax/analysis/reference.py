@@ -1,4 +1,7 @@
-"""Reference state: the belt at rest as a string, steady torques applied (MODEL.md, section 0)."""
+"""Reference state: the belt at rest as a string, steady torques applied.
+
+docs/theory/reference_state.md, (R1) to (R5).
+"""
 
 from typing import NamedTuple
 
@@ -47,7 +50,7 @@ class Held(NamedTuple):
 
 
 class _Problem(NamedTuple):
-    """Equations (a) and (c), whose unknowns are the arm's turn and a tension over `scale`."""
+    """Equations (R1) and (R3), whose unknowns are the arm's turn and a tension over `scale`."""
 
     outline: Outline
     held: Held
@@ -61,7 +64,8 @@ def reference_state(drive: Drive, point: OperatingPoint, *, throw: bool = True) 
     """Tensions, arm angle and belt length of the drive at rest under its torques.
 
     Under `TensionGiven` the drawn layout is the torque-free state; under `BeltGiven` the
-    unstretched belt and the arm's free angle are held. Solves MODEL.md, section 0, (a)-(c).
+    unstretched belt and the arm's free angle are held. Solves docs/theory/reference_state.md,
+    (R1) to (R3).
 
     Fails with `numbers_unusable`, the layout's results, `belt_does_not_fit`, `belt_too_long`,
     `belt_too_short` (strain above a tenth), `arm_at_stop` or `span_slack`. Failed lanes of a
@@ -188,7 +192,7 @@ def _state(drive, at, turn, tensions, base, held, error, result, stats) -> Refer
 
 
 def _tension_offsets(drive: Drive, point: OperatingPoint) -> Float[Array, " spans"]:
-    """Tension of each span above that at the tensioner's pulley, which is an idler (b).
+    """Tension of each span above that at the tensioner's pulley, which is an idler (R2).
 
     In the direction of travel the span that leaves an accessory carries M/r more. Without a
     tensioner the first span is the reference.
@@ -200,12 +204,12 @@ def _tension_offsets(drive: Drive, point: OperatingPoint) -> Float[Array, " span
 
 
 def _arc_tensions(tensions: Float[Array, " spans"]) -> Float[Array, " pulleys"]:
-    """Mean of the adjacent spans' tensions on each pulley's arc, an assumption of (c)."""
+    """Mean of the adjacent spans' tensions on each pulley's arc, an assumption of (R3)."""
     return (tensions + jnp.roll(tensions, 1)) / 2
 
 
 def _unstretched(EA, at: Layout | Path, tensions) -> Float[Array, ""]:
-    """Unstretched length of the belt on this path at these tensions (c)."""
+    """Unstretched length of the belt on this path at these tensions (R3)."""
     spans = at.span_lengths / (1 + tensions / EA)
     return jnp.sum(spans) + jnp.sum(at.arc_lengths / (1 + _arc_tensions(tensions) / EA))
 
@@ -243,7 +247,7 @@ def _likely_tension(drive: Drive) -> Float[Array, ""]:
 
 
 def _residuals(unknown: Float[Array, "2"], problem: _Problem) -> Float[Array, "2"]:
-    """(a) over a tension and the arm, and (c) over the mean span."""
+    """(R1) over a tension and the arm, and (R3) over the mean span."""
     turn, level = unknown
     at = belt_path(problem.outline, turn)
     tensions = level * problem.scale + problem.offsets

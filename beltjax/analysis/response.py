@@ -71,6 +71,7 @@ class Response(eqx.Module):
     # By what factor the excitation may grow until a span goes slack, where the fluctuation of its
     # tension reaches its running tension. Below 1 the linear response is not to be trusted.
     slack_factors: Float[Array, "points spans"]
+    stiffness_ratios: Float[Array, "points pulleys"]  # of the steady state, as `SteadyState` has
     coordinates: Complex[Array, "points size"] | None  # in the linearization's basis; None: exact
     result: RESULTS
     warning: RESULTS  # `span_slackens` where a slack factor is below 1
@@ -90,7 +91,8 @@ def frequency_response(
 
     Solves (-Omega^2 M + i Omega (G + C) + K) z = f; `damping` is `Damping()` unless given: the
     arm's own. `names` are the drive's pulley names, needed for torques. `exact` solves the
-    spans in closed form instead, D(Omega) z = f (MODEL.md, section 3), for arm damping alone.
+    spans in closed form instead, D(Omega) z = f (docs/theory/vibration.md, (V14) to (V16)), for arm
+    damping alone.
 
     Raises `ValueError` for frequencies that are empty or not positive, for an excitation of a
     pulley that is not there, for crank motion of a drive linearized `free`, and for `exact`
@@ -218,6 +220,7 @@ def _in_newtons(lin, frequencies, z, rotations, arm, strains, peaks, crank) -> R
         tensions=tensions,
         hub_loads=jnp.sqrt(jnp.sum(hub**2, axis=-1) + 1e-300),
         slack_factors=slack,
+        stiffness_ratios=jnp.tile(lin.steady.stiffness_ratios, (len(frequencies), 1)),
         coordinates=z,
         result=lin.result,
         warning=first_failure((jnp.any(slack < 1), RESULTS.span_slackens)),

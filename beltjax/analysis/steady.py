@@ -48,7 +48,7 @@ class AbstractSteadyMethod(eqx.Module):
 
 
 class Exact(AbstractSteadyMethod):
-    """The nonlinear model, one scalar equation in closed form (MODEL.md, section 2)."""
+    """The nonlinear model, one scalar equation: docs/theory/steady_state.md, (S4) to (S10)."""
 
     def solve(self, model):
         """(3.41) with (3.42) and (3.43) solved for given T."""

@@ -45,6 +45,7 @@ class Sweep:
     frequencies: Float[np.ndarray, "points modes"]  # [rad/s]
     dimensionless: Float[np.ndarray, "points modes"]
     coupling: Float[np.ndarray, "points spans"]  # Gamma_i
+    stiffness_ratios: Float[np.ndarray, "points pulleys"]  # as `SteadyState` has
     mac: Float[np.ndarray, "points-1 modes"]  # agreement of shapes with the last good point, to 1
     labels: tuple[str, ...]  # what moves most in each mode, where it first appears
     veerings: tuple[Veering, ...]
@@ -104,6 +105,7 @@ class Sample(NamedTuple):
     mass: Float[Array, "*points size size"]
     stiffness: Float[Array, "*points size size"]
     coupling: Float[Array, "*points spans"]
+    stiffness_ratios: Float[Array, "*points pulleys"]
     span_shares: Float[Array, "*points window spans"]
     rigid_shares: Float[Array, "*points window"]
     error: Float[Array, "*points window"]
@@ -165,6 +167,7 @@ def sweep(
         frequencies=frequencies,
         dimensionless=_picked(found.dimensionless, places),
         coupling=np.where(_good(found)[:, None], found.coupling, np.nan),
+        stiffness_ratios=np.where(_good(found)[:, None], found.stiffness_ratios, np.nan),
         mac=_picked(links.mac, places)[1:],
         labels=_labels(found, places),
         veerings=veerings(grid, frequencies, places, shapes, ~(links.weakest < limit)),
@@ -222,6 +225,7 @@ def _samples(drive, point, name: str, values, window: int, basis) -> Sample:
             mass=lin.mass,
             stiffness=lin.stiffness,
             coupling=steady.coupling,
+            stiffness_ratios=steady.stiffness_ratios,
             span_shares=found.span_shares,
             rigid_shares=jnp.sum(found.pulley_shares, axis=1) + found.arm_shares,
             error=found.error,

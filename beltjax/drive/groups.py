@@ -28,7 +28,7 @@ class Groups(eqx.Module):
     arm_take_up: Float[Array, ""]  # D = sin(beta_in) - sin(beta_out)
     arm_slope: Float[Array, " spans"]  # (w_i(1) - w_i(0))/theta_t
     arm_lift: Float[Array, " spans"]  # w_i(0)/theta_t
-    arm_strain: Float[Array, " spans"]  # d(l_i)/d(theta_t)/l_i
+    arm_strain: Float[Array, " spans"]  # d(path)/d(theta_t), the span's part, over l_i
     radius_ratios: Float[Array, " pulleys"]  # r_i/l
     drives: Float[Array, " pulleys"]  # 1 for the driver, 0 for the others
     travel: Float[Array, ""]  # +1: the belt runs in the listed order; -1: against it

@@ -1,7 +1,8 @@
-"""Geometry of the belt's path (MODEL.md, section 0), for any number of pulleys on either face.
+"""Geometry of the belt's path for any number of pulleys on either face.
 
 Everything is written with the directions of the spans and dot products, so that no formula
-knows which pulley the arm carries or in which sense the pulleys are listed.
+knows which pulley the arm carries or in which sense the pulleys are listed:
+docs/theory/geometry.md, (G1) to (G6).
 """
 
 from typing import NamedTuple
@@ -41,7 +42,7 @@ class Layout(eqx.Module):
     arm_length: Float[Array, ""]  # r_t; 1 where there is no tensioner
     arm_angle: Float[Array, ""]  # alpha, direction of the arm from pivot to pulley
     arm_normal: Float[Array, " spans"]  # d(w_i(l_i) - w_i(0))/d(theta_t) over r_t
-    arm_tangent: Float[Array, " spans"]  # d(l_i)/d(theta_t) over r_t
+    arm_tangent: Float[Array, " spans"]  # the span's part of d(path)/d(theta_t), over r_t
     alignment: Float[Array, "2"]  # (beta_in, beta_out) in [0, 2 pi)
     result: RESULTS
 

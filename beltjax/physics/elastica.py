@@ -121,7 +121,8 @@ def elastica(span: SpanData) -> Span:
     """The span whose ends are tangent to both pulleys.
 
     Needs P > 0 at both ends, that is C > EI kappa^2/2, and pulleys that do not overlap. Kong
-    (2003), eqs. (5.9), (5.16)-(5.21) with contact as a vector condition; MODEL.md, section 4.
+    (2003), eqs. (5.9), (5.16)-(5.21) with contact as a vector condition; docs/theory/contact.md,
+    (C4) to (C11).
     """
     limit, long, safe, safe_limit = _told_apart(span)
     return jax.tree.map(lambda a, b: jnp.where(long, a, b), limit, _bent(safe, safe_limit))

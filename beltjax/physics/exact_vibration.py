@@ -1,4 +1,4 @@
-"""Vibration of a whole drive without discretization (MODEL.md, section 3).
+"""Vibration of a whole drive without discretization: docs/theory/vibration.md, (V11) to (V15).
 
 At a given frequency omega each span of the linearized drive has a closed form, because all that
 forces it is its stretch, acting on w*'', which is a sum of two exponentials:

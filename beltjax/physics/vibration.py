@@ -43,7 +43,7 @@ class VibrationModel(NamedTuple):
     drop: Spans  # w*(1) - w*(0)
     a: Spans  # lift at x = 1 less that at 0, per radian of the arm
     w_start: Spans  # lift at x = 0
-    pull: Spans  # strain of each span per radian of the arm: d(l_i)/d(thetat)/l_i
+    pull: Spans  # strain of each span per radian of the arm, on the path of the contact points
     r: Pulleys  # r_i/l
     J: Pulleys  # mhat_i r_i/r_t
     J_t: Scalar  # mhat_t
@@ -75,11 +75,12 @@ class Matrices(NamedTuple):
 def energy(
     moved: Motion, rate: Motion, slopes: Float[Array, "spans points"], weights, model
 ) -> Scalar:
-    """Lagrangian T0 + T1 - (V - T2) of the drive, up to terms of first order (MODEL.md, section 3).
+    """Lagrangian T0 + T1 - (V - T2) of the drive, up to terms of first order.
 
-    `slopes` is w*_x at the points of the quadrature rule with these `weights` [spans points].
-    Its second derivatives with respect to a motion and its rate are K, G and M. What is linear
-    in the motion vanishes at a steady state and is left out: the end moments and the torques.
+    docs/theory/vibration.md, (V3). `slopes` is w*_x at the points of the quadrature rule with
+    these `weights` [spans points]. Its second derivatives with respect to a motion and its rate
+    are K, G and M. What is linear in the motion vanishes at a steady state and is left out: the
+    end moments and the torques.
     """
     m = model
 

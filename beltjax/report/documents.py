@@ -12,6 +12,7 @@ from beltjax.analysis.modes import Modes
 from beltjax.analysis.sensitivity import Sensitivities, named_numbers
 from beltjax.analysis.steady import SteadyState
 from beltjax.drive.components import Drive, OperatingPoint
+from beltjax.report.schema import VERSION
 from beltjax.report.warnings import steady_warnings
 from beltjax.results import RESULTS, succeeded
 from beltjax.writing import write_whole
@@ -132,6 +133,7 @@ def design_document(design: Any) -> dict[str, Any]:
     asked = [constraint for constraint in design.constraints if not constraint.implied]
     implied = [constraint for constraint in design.constraints if constraint.implied]
     return {
+        "warnings": steady_warnings(design.drive, design.steady),
         "design": dict(design.values),
         "objective": {"initial": design.initial, "final": design.final},  # None: nothing runs
         "constraints": [_constraint(constraint) for constraint in asked],
@@ -206,6 +208,11 @@ def plain(value: Any) -> Any:
     if isinstance(number, list):
         return [plain(item) for item in number]
     return number if math.isfinite(number) else None
+
+
+def complete(document: dict[str, Any]) -> dict[str, Any]:
+    """A command's document with what all of them have: its version, and its warnings if none."""
+    return {"schema": VERSION, "warnings": []} | document
 
 
 def write_json(document: dict[str, Any], path: str | os.PathLike[str]) -> None:

@@ -125,7 +125,7 @@ def design_tables(document: dict[str, Any], before: dict[str, tuple[float, str]]
         shown.append(_optima_table(document))
     if "choices" in document:
         shown.insert(0, _choice_table(document["choices"]))
-    return Group(*shown, *map(Text, _optimality_lines(document)))
+    return Group(*warning_lines(document), *shown, *map(Text, _optimality_lines(document)))
 
 
 def _choice_table(choices: list[dict[str, Any]]) -> Table:

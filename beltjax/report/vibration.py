@@ -12,7 +12,7 @@ from beltjax.drive.components import Drive
 from beltjax.report.curves import RPM
 from beltjax.report.documents import plain, span_label
 from beltjax.report.tables import number, plain_table
-from beltjax.report.warnings import response_warnings, warning_lines
+from beltjax.report.warnings import response_warnings, sweep_warnings, warning_lines
 from beltjax.results import explanations
 
 _ROWS = 13  # of a sweep's table; every row is in the JSON and the NetCDF file
@@ -33,6 +33,7 @@ def sweep_document(drive: Drive, found: Sweep) -> dict[str, Any]:
     return {
         "drive": drive.name,
         "success": bool(found.good.any()),
+        "warnings": sweep_warnings(drive, found),
         "over": found.name,
         "unit": found.unit,
         "values": plain(found.values),
@@ -50,7 +51,7 @@ def sweep_document(drive: Drive, found: Sweep) -> dict[str, Any]:
 
 def sweep_tables(document: dict[str, Any]) -> Group:
     """Some rows and columns of a sweep, all its modes and its veerings."""
-    parts = [_sweep_table(document), _modes_table(document)]
+    parts = [*warning_lines(document), _sweep_table(document), _modes_table(document)]
     if document["veerings"]:
         parts.append(_veering_table(document))
     failed = sum(text is not None for text in document["failures"])

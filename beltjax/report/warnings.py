@@ -7,6 +7,7 @@ from rich.text import Text
 
 from beltjax.analysis.response import Response
 from beltjax.analysis.steady import STIFFEST, SteadyState
+from beltjax.analysis.sweep import Sweep
 from beltjax.drive.components import Drive
 from beltjax.results import succeeded, successes
 
@@ -17,27 +18,39 @@ def steady_warnings(drive: Drive, steady: SteadyState) -> Warnings:
     """Where a steady state leaves the limits of its model; empty where it does not."""
     if not succeeded(steady.result) or succeeded(steady.warning):
         return []
-    ratios = np.asarray(steady.stiffness_ratios)
+    return _stiff_belts(drive, np.asarray(steady.stiffness_ratios))
+
+
+def sweep_warnings(drive: Drive, found: Sweep) -> Warnings:
+    """Where the steady states of a sweep do, at the worst of its values."""
+    return _stiff_belts(drive, found.stiffness_ratios[found.good])
+
+
+def _stiff_belts(drive: Drive, ratios: np.ndarray) -> Warnings:
+    """For which pulleys the belt is stiff; ratios [points, pulleys] or [pulleys]."""
+    table = ratios.reshape(-1, len(drive.pulley_names))
+    worst = np.max(table, axis=0, initial=0.0)
     stiff = [
         f"{name} ({ratio:.2g})"
-        for name, ratio in zip(drive.pulley_names, ratios, strict=True)
+        for name, ratio in zip(drive.pulley_names, worst, strict=True)
         if ratio > STIFFEST
     ]
-    return [
-        {
-            "code": "belt_stiff_on_pulley",
-            "text": f"the belt is stiff for {', '.join(stiff)}: sqrt(EI/T)/radius is above "
-            f"{STIFFEST:g}, so that tensions, wraps and Gamma with the contact points of a string "
-            "are off; `beltjax contact` finds where the belt really touches",
-        }
-    ]
+    if not stiff:
+        return []
+    text = (
+        f"the belt is stiff for {', '.join(stiff)}: sqrt(EI/T)/radius is above {STIFFEST:g}, so "
+        "that tensions, wraps and Gamma with the contact points of a string are off; "
+        "`beltjax contact` finds where the belt really touches"
+    )
+    return [{"code": "belt_stiff_on_pulley", "text": text}]
 
 
 def response_warnings(drive: Drive, found: Response) -> Warnings:
-    """Which spans would go slack under the excitation, and from which part of it on."""
+    """Stiff belts, and which spans would go slack under which part of the excitation."""
     good = successes(found.result)
     if not good.any():
         return []
+    stiff = _stiff_belts(drive, np.asarray(found.stiffness_ratios)[good])
     least = np.min(np.asarray(found.slack_factors)[good], axis=0)
     slack = [
         f"{name} from {factor:.3g} of this excitation on"
@@ -45,12 +58,12 @@ def response_warnings(drive: Drive, found: Response) -> Warnings:
         if factor < 1
     ]
     if not slack:
-        return []
+        return stiff
     text = (
         "the fluctuation of a tension exceeds the running tension, where a span goes slack and "
         f"linear amplitudes do not hold: {', '.join(slack)}"
     )
-    return [{"code": "span_slackens", "text": text}]
+    return [*stiff, {"code": "span_slackens", "text": text}]
 
 
 def warning_lines(document: dict[str, Any]) -> list[Text]:

@@ -58,7 +58,7 @@ def test_gradient_of_a_drive_is_a_drive():
 
 @pytest.mark.parametrize(("rule", "slope"), [("tension", -11.9), ("belt", -1096.0)])
 def test_slope_with_the_driver_radius_depends_on_the_installation(rule, slope):
-    # MODEL.md, section 0, at eps = 0.04, s = 0.3; it gives -1097 for the held belt.
+    # docs/theory/reference_state.md, below (R5): at eps = 0.04, s = 0.3.
     drive, _ = example("three_pulley")
     at = bj.layout(drive)
     stiffness = 0.04**2 * 300 * jnp.mean(at.span_lengths) ** 2

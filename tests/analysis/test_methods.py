@@ -13,7 +13,7 @@ TENSION, MASS = 300.0, 0.1029
 
 
 def prototype(eps, s, named=None):
-    """The file's drive with k_s = 4 (MODEL.md, section 2), and its operating point."""
+    """The file's drive with k_s = 4, and its operating point."""
     drive, _ = example("three_pulley")
     at = bj.layout(drive)
     stiffness = eps**2 * TENSION * jnp.mean(at.span_lengths) ** 2

@@ -18,7 +18,7 @@ def with_belt_length(drive, factor):
 def test_prototype():
     state = bj.reference_state(*example("three_pulley"))
     assert_matches_print(state.unstretched_length, Value("1.510316"))
-    # 0.1690 with the arm's true length and stiffness; MODEL.md, section 2.
+    # With the arm's true length and stiffness: docs/theory/reference_state.md, (R4).
     assert_matches_print(state.arm_angle - state.free_angle, Value("0.169017"))
 
 

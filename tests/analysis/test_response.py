@@ -117,6 +117,8 @@ def test_speed_response_is_the_response_at_each_speed():
         bj.linearize(steady, bj.Legendre(16)), jnp.array([300.0]), excitation, damping=DAMPING
     )
     np.testing.assert_allclose(found.span_peaks[1], alone.span_peaks[0], rtol=1e-10)
+    np.testing.assert_allclose(found.stiffness_ratios[1], steady.stiffness_ratios, rtol=1e-12)
+    np.testing.assert_allclose(alone.stiffness_ratios[0], steady.stiffness_ratios, rtol=1e-12)
 
 
 @pytest.mark.slow
