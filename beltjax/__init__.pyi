@@ -1,6 +1,7 @@
 """The public API: what `import beltjax as bj` offers. Each name is loaded on first use."""
 
-from . import optimize as optimize
+import typing
+
 from .analysis.collocation import Collocation as Collocation
 from .analysis.contact import ContactState as ContactState
 from .analysis.contact import contact_state as contact_state
@@ -57,3 +58,4 @@ from .results import RESULTS as RESULTS
 from .results import AnalysisError as AnalysisError
 
 __version__: str
+optimize: typing.Any  # the package beside this one in a checkout, and inside it once installed

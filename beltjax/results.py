@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import jax
 import numpy as np
 import optimistix as optx
+from jax.core import Tracer
 from jaxtyping import Array, Bool
 
 from beltjax.numerics.slopes import frozen_unless
@@ -253,7 +254,7 @@ def raise_unless_successful(value: Value, result: RESULTS, throw: bool) -> Value
     if not throw:
         return value
     number = code(result)
-    if isinstance(number, jax.core.Tracer):
+    if isinstance(number, Tracer):
         return result.error_if(value, result != RESULTS.successful)
     failure = next(filter(None, explanations(result)), "")
     if failure:

@@ -357,7 +357,8 @@ def scaling_rows():
             lambda leaf, repeat=repeat: jnp.tile(leaf, repeat) if leaf.ndim else leaf, model
         )
         program, seconds = compiled(
-            lambda m: steady_collocation.collocated(m, scheme, finer, 24, 1e-9).T, bigger
+            lambda m: steady_collocation.collocated(m, scheme, finer, 24, jnp.asarray(1e-9)).T,
+            bigger,
         )
         times.append(median_time(lambda program=program, bigger=bigger: program(bigger)))
         row(f"  {spans} spans", run=ms(times[-1]), compile=f"{seconds:.1f} s")

@@ -155,7 +155,9 @@ def _values(study: Study, drive: Drive) -> tuple[Values, Bool[Array, ""]]:
     return Values(smooth, worst, [of(name) for name in study.constraints.names]), jnp.all(found)
 
 
-def soft_maximum(values: Float[Array, " k"], sharpness: float) -> Float[Array, ""]:
+def soft_maximum(
+    values: Float[Array, " k"], sharpness: float | Float[Array, ""]
+) -> Float[Array, ""]:
     """A smooth largest value, too high by at most ln(k)/sharpness of the values' mean size."""
     if len(values) == 1:
         return values[0]

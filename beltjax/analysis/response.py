@@ -263,7 +263,9 @@ def speed_response(
 
 
 @boundary_jit
-def _over_speeds(drive, point, driver_speeds, shaken, order, damping, basis) -> Response:
+def _over_speeds(
+    drive, point, driver_speeds, shaken: tuple[Array, Array], order, damping, basis
+) -> Response:
     def at(speed):
         moved = eqx.tree_at(
             lambda p: (p.belt_speed, p.driver_speed),
@@ -318,7 +320,9 @@ def peak_response(
 
 
 @boundary_jit
-def _peak_response(linearization, amplitude, lower, upper, shaken, damping, points: int):
+def _peak_response(
+    linearization, amplitude, lower, upper, shaken: tuple[Array, Array], damping, points: int
+):
     def at(omega, lin):
         found = _response(lin, omega[None], *shaken, damping, False)
         return jnp.squeeze(amplitude(found)), found.result

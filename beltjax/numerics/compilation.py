@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, TypeVar
 import equinox as eqx
 import jax
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array
 
 from beltjax.numerics.fusion import KEEP_BARRIERS, with_bounded_fusion
@@ -105,7 +106,7 @@ def boundary_jit(function: Function) -> Function:
     @functools.wraps(function)
     def either(*args, **kwargs):
         leaves = jax.tree.leaves((args, kwargs))
-        inside = any(isinstance(leaf, jax.core.Tracer) for leaf in leaves)
+        inside = any(isinstance(leaf, Tracer) for leaf in leaves)
         return (traced if inside else quickly_compiled(function))(*args, **kwargs)
 
     return either  # pyright: ignore[reportReturnType]

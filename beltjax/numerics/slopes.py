@@ -1,7 +1,7 @@
 """Derivatives: of few numbers taken once, of failures none."""
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -58,7 +58,7 @@ def with_own_slopes(function: Callable[..., Float[Array, " m"]]) -> Callable[...
 
 
 @jax.custom_jvp
-def without_derivative(numbers: Numbers) -> Numbers:
+def without_derivative(numbers: Any) -> Any:
     """`numbers`, whose derivatives are NaN rather than silently wrong."""
     return numbers
 

@@ -189,7 +189,7 @@ def joined(T: Scalar, model: SteadyModel, mesh: Mesh, scheme: Gauss) -> Joined:
 
 
 def collocated(
-    model: SteadyModel, scheme: Gauss, finer: Gauss, intervals: int, tol: float
+    model: SteadyModel, scheme: Gauss, finer: Gauss, intervals: int, tol: Float[Array, ""]
 ) -> SteadySolution:
     """The steady state of the collocation equations, with an estimate of their error.
 

@@ -21,6 +21,7 @@ from beltjax.report.documents import plain
 from beltjax.report.jobs import Report
 from beltjax.report.requests import asked, read_interval, read_named, read_range
 from beltjax.report.tables import plain_table
+from beltjax.report.warnings import drive_warnings, warning_lines
 
 Advance = Callable[[str, int, int | None], None]
 _SLICE = 65_536  # designs of a store read at once
@@ -75,6 +76,7 @@ def exploration_job(path: str, given: Exploring, advance: Advance) -> Report:
         raise FileError(given.store, "", message) from error
     document = {
         "drive": drive.name,
+        "warnings": drive_warnings(drive, point),
         "store": str(Path(given.store)),
         "designs": designs.total,
         "designs_before": told.before,
@@ -87,7 +89,7 @@ def exploration_job(path: str, given: Exploring, advance: Advance) -> Report:
     if not document["success"]:
         text = document["outcomes"][0]["text"]
         failure = str(FileError(path, "", f"no design succeeded: {text}"))
-    return Report(document, _tables(document), failure)
+    return Report(document, Group(*warning_lines(document), _tables(document)), failure)
 
 
 class _Pace:

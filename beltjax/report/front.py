@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from rich.console import Group
 
 from beltjax.errors import FileError
 from beltjax.report.documents import front_document
 from beltjax.report.figures import AFTER, picture_bytes
 from beltjax.report.jobs import Report
 from beltjax.report.tables import front_table
+from beltjax.report.warnings import drive_warnings, warning_lines
 
 
 def front_job(
@@ -28,9 +30,10 @@ def front_job(
     if not study.pareto:
         raise FileError(path, "pareto", "is missing; give objectives = [..], two or three of them")
     front = optimize.pareto(study, points=points, advance=advance)
-    document = front_document(front)
+    document = front_document(front) | {"warnings": drive_warnings(study.drive, study.point)}
     files = ((figure, picture_bytes(front_figure(front), figure)),) if figure else ()
-    return Report(document, front_table(document), _failure(path, front), files)
+    tables = Group(*warning_lines(document), front_table(document))
+    return Report(document, tables, _failure(path, front), files)
 
 
 def _failure(path: object, front: Any) -> str:

@@ -15,6 +15,7 @@ from beltjax.errors import FileError
 from beltjax.report.jobs import Report
 from beltjax.report.requests import asked, read_named, read_size
 from beltjax.report.tables import plain_table
+from beltjax.report.warnings import drive_warnings, warning_lines
 
 
 class Asked(NamedTuple):
@@ -44,7 +45,7 @@ def robust_job(path: str, given: Asked) -> Report:
             )
     except ValueError as error:
         raise FileError(path, "", str(error).rstrip(".")) from error
-    document = _document(drive, found, indices)
+    document = _document(drive, found, indices) | {"warnings": drive_warnings(drive, point)}
     return Report(document, _tables(document), "")
 
 
@@ -105,7 +106,7 @@ def _tables(document: dict[str, Any]) -> Group:
     for row in document["quantities"]:
         values = (f"{row[key]:.5g}" for key in keys)
         table.add_row(escape(row["name"]), *values, row["unit"])
-    parts = [table, _share_table(document)]
+    parts = [*warning_lines(document), table, _share_table(document)]
     if document["failed"]:
         parts.append(f"{document['failed']} of the drives do not run and are left out")
     return Group(*parts)

@@ -6,9 +6,9 @@ import numpy as np
 from rich.text import Text
 
 from beltjax.analysis.response import Response
-from beltjax.analysis.steady import STIFFEST, SteadyState
+from beltjax.analysis.steady import STIFFEST, SteadyState, steady_state
 from beltjax.analysis.sweep import Sweep
-from beltjax.drive.components import Drive
+from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.results import succeeded, successes
 
 Warnings = list[dict[str, str]]
@@ -19,6 +19,11 @@ def steady_warnings(drive: Drive, steady: SteadyState) -> Warnings:
     if not succeeded(steady.result) or succeeded(steady.warning):
         return []
     return _stiff_belts(drive, np.asarray(steady.stiffness_ratios))
+
+
+def drive_warnings(drive: Drive, point: OperatingPoint) -> Warnings:
+    """The same of the drive that a study of many drives starts from."""
+    return steady_warnings(drive, steady_state(drive, point, throw=False))
 
 
 def sweep_warnings(drive: Drive, found: Sweep) -> Warnings:
