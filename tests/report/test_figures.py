@@ -62,5 +62,7 @@ def test_an_order_is_a_line_through_the_origin(swept):
 
 def test_names_are_no_formulas():
     curves = {"hub load (N)": {"a$b_c": np.array([1.0, 2.0])}}
-    figure = response_figure("50 $ and $^", np.array([600.0, 700.0]), curves)
+    figure = response_figure(
+        "50 $ and $^", np.array([600.0, 700.0]), curves, np.array([False, True])
+    )
     assert picture_bytes(figure, "x.svg").startswith(b"<?xml")
