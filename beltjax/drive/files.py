@@ -34,10 +34,10 @@ from beltjax.drive.quantities import (
     Radian,
     Table,
     in_unit,
-    read_toml,
     validated,
 )
 from beltjax.errors import FileError
+from beltjax.reading import read_toml
 from beltjax.writing import write_whole
 
 Point = Annotated[list[Meter], Field(min_length=2, max_length=2)]
@@ -236,10 +236,9 @@ def _require_names(file: DriveTable, path: object) -> None:
     if len(names) < 2:
         raise FileError(path, "pulley", f"found {len(names)}; a drive has at least two pulleys")
     for i, name in enumerate(names):
-        if not name.strip() or any(mark in name for mark in ".:="):
-            raise FileError(
-                path, f"pulley[{i}].name", f"found {name!r}; a name is not empty, without . : ="
-            )
+        if not name.strip() or any(mark in name for mark in ".:=") or not name.isprintable():
+            message = f"found {name!r}; a name prints, is not empty, and is without . : ="
+            raise FileError(path, f"pulley[{i}].name", message)
         if name in names[:i]:
             raise FileError(path, f"pulley.{name}", "this name is used twice; rename one of them")
     repeated = repeated_span(names)

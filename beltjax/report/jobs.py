@@ -2,11 +2,9 @@
 
 import dataclasses
 import importlib
-import json
 import math
 import os
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -17,8 +15,10 @@ from beltjax.analysis.sensitivity import canonical_sensitivities, in_names_of
 from beltjax.drive.canonical import canonical
 from beltjax.drive.components import Drive
 from beltjax.drive.files import drive_bytes, load_drive
+from beltjax.drive.units import shown
 from beltjax.errors import FileError
 from beltjax.numerics.bases import Legendre
+from beltjax.reading import read_json
 from beltjax.report.diagnosis import diagnose
 from beltjax.report.documents import (
     analysis_document,
@@ -149,16 +149,7 @@ def _changed(study: Any, given: StudyRequest) -> Any:
 
 def _warm_start(path: str, names: tuple[str, ...]) -> dict[str, float]:
     """The design of an earlier run's JSON; raises `FileError` where there is none."""
-    try:
-        if os.path.exists(path) and not os.path.isfile(path):
-            raise FileError(path, "", f"is no file; {_RUN}")
-        text = Path(path).read_bytes()
-    except OSError as error:
-        raise FileError(path, "", f"cannot be read ({error.strerror})") from error
-    try:
-        document = json.loads(text)
-    except (ValueError, RecursionError) as error:  # nested without end, numbers of 5000 digits
-        raise FileError(path, "", f"is no JSON ({_cause(error)}); {_RUN}") from error
+    document = read_json(path, _RUN)
     design = document.get("design") if isinstance(document, dict) else None
     if not isinstance(design, dict):
         raise FileError(path, "design", f"is missing; {_RUN}")
@@ -171,20 +162,11 @@ def _finite(path: str, name: str, value: Any) -> float:
     except OverflowError:
         number = math.inf
     if not math.isfinite(number):
-        message = f"found {_short(value)} for {name!r}, no finite number; {_RUN}"
+        message = f"found {shown(value)} for {name!r}, no finite number; {_RUN}"
         if value is None:
             message = f"has no number for {name!r}; {_RUN}"
         raise FileError(path, "design", message)
     return number
-
-
-def _short(value: Any) -> str:
-    text = str(value)
-    return text if len(text) <= 40 else text[:37] + "..."
-
-
-def _cause(error: Exception) -> str:
-    return "nested too deep" if isinstance(error, RecursionError) else str(error)
 
 
 def _text(objective: float | None) -> str:
