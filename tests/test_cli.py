@@ -1,5 +1,6 @@
 """The command line as a user meets it: tables, JSON, exit status, one line for an error."""
 
+import errno
 import json
 import re
 import subprocess
@@ -9,7 +10,8 @@ import numpy as np
 import pytest
 from drives import EXAMPLES
 
-from beltjax.report.documents import write_json
+from beltjax import writing
+from beltjax.report.documents import json_bytes
 
 THREE = (EXAMPLES / "three_pulley.toml").read_text()
 STUDY = (EXAMPLES / "three_pulley_study.toml").read_text()
@@ -128,6 +130,7 @@ def test_wrong_arguments(run, tmp_path, words, says):
 
 def test_optimize_writes_json_picture_and_drive(run, tmp_path):
     words = ["optimize", EXAMPLES / "three_pulley_study.toml", "--json", "out.json"]
+    words += ["--figure", "layout.png"]
     status, out, err = run(*words, "--save-drive", "after.toml")
     assert (status, err) == (0, "")
     assert "active" in out
@@ -140,7 +143,9 @@ def test_optimize_writes_json_picture_and_drive(run, tmp_path):
     keys = {"quantity", "value", "lower", "upper", "multiplier", "active"}
     assert all(keys <= set(constraint) for constraint in document["constraints"])
     assert len(document["starts"]) == 64
-    assert (tmp_path / "three_pulley_study_layout.png").read_bytes()[:4] == b"\x89PNG"
+    assert (tmp_path / "layout.png").read_bytes()[:4] == b"\x89PNG"
+    # Nothing that was not asked for.
+    assert {path.name for path in tmp_path.iterdir()} == {"out.json", "after.toml", "layout.png"}
     status, out, _ = run("analyze", "after.toml", "--json", "-")
     assert json.loads(out)["steady"]["coupling_total"] == pytest.approx(
         document["objective"]["final"]
@@ -209,7 +214,18 @@ def test_fresh_process_sets_double_precision_and_handles_an_interrupt(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_files_are_written_whole_or_not_at_all(tmp_path):
+def test_what_is_no_json_is_never_written():
     with pytest.raises(ValueError, match="Out of range"):
-        write_json({"x": float("nan")}, tmp_path / "out.json")
-    assert list(tmp_path.iterdir()) == []
+        json_bytes({"x": float("nan")})
+
+
+def test_an_answer_that_cannot_be_written_is_shown(run, monkeypatch):
+    def refuse(given):
+        assert [path for path, _ in given] == ["out.json"]
+        raise OSError(errno.ENOSPC, "No space left on device", "out.json")
+
+    monkeypatch.setattr(writing, "write_together", refuse)
+    status, out, err = run("analyze", EXAMPLES / "three_pulley.toml", "--json", "out.json")
+    assert status == 1
+    assert "coupling Gamma" in out
+    assert err == "beltjax: out.json: cannot be written (No space left on device)\n"

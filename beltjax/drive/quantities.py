@@ -53,7 +53,7 @@ NotNegative = Field(ge=0)
 class Table(BaseModel):
     """A table of a file: no key but those named."""
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
 TableType = TypeVar("TableType", bound=Table)

@@ -2,7 +2,6 @@
 
 import json
 import math
-import os
 from collections.abc import Sequence
 from typing import Any
 
@@ -14,7 +13,6 @@ from beltjax.analysis.steady import SteadyState
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.report.warnings import steady_warnings
 from beltjax.results import RESULTS, succeeded
-from beltjax.writing import write_whole
 
 
 def analysis_document(drive: Drive, found: Sensitivities) -> dict[str, Any]:
@@ -208,9 +206,9 @@ def plain(value: Any) -> Any:
     return number if math.isfinite(number) else None
 
 
-def write_json(document: dict[str, Any], path: str | os.PathLike[str]) -> None:
-    """Write one JSON object in one move: the file is complete or absent."""
-    write_whole(path, (json_text(document) + "\n").encode())
+def json_bytes(document: dict[str, Any]) -> bytes:
+    """A JSON file of one object."""
+    return (json_text(document) + "\n").encode()
 
 
 def json_text(document: dict[str, Any]) -> str:

@@ -81,7 +81,7 @@ def require_inertias(drive: Drive, path: str | os.PathLike[str], what: str) -> N
 class StudyRequest(NamedTuple):
     """What `beltjax optimize` was given beside the study; None: nothing, or the study's."""
 
-    figure: str
+    figure: str | None = None
     drive: str | None = None  # where to write the optimized drive
     page: str | None = None  # where to write the HTML report
     method: str | None = None
@@ -95,14 +95,12 @@ def study_job(
     given: StudyRequest,
     advance: Callable[[str, int, int | None], None],
 ) -> Report:
-    """Run one study, with the picture of the layout and what else was asked for.
+    """Run one study, with the files that were asked for.
 
     Raises `FileError` for a study that cannot be posed; a study without a solution is a report
     whose `failure` says which limit is missed and by how much.
     """
-    # Both are slow to load, and `analyze` needs neither.
-    optimize = importlib.import_module("beltjax.optimize")
-    figures = importlib.import_module("beltjax.report.figures")
+    optimize = importlib.import_module("beltjax.optimize")  # slow to load; `analyze` needs none
     study = _changed(optimize.load_study(path), given)
     warm = () if given.warm is None else (_warm_start(given.warm, study.variables.names),)
     if study.choices:
@@ -117,12 +115,15 @@ def study_job(
         name: (float(optimize.value_of(study.drive, name)), optimize.unit_of(name))
         for name in design.values
     }
-    picture = figures.before_and_after(
-        (study.drive, design.before.reference.layout),
-        (design.drive, design.steady.reference.layout),
-        f"{study.drive.name}: objective {_text(design.initial)} to {_text(design.final)}",
-    )
-    files = [(given.figure, figures.picture_bytes(picture, given.figure))]
+    files = []
+    if given.figure:
+        figures = importlib.import_module("beltjax.report.figures")
+        picture = figures.before_and_after(
+            (study.drive, design.before.reference.layout),
+            (design.drive, design.steady.reference.layout),
+            f"{study.drive.name}: objective {_text(design.initial)} to {_text(design.final)}",
+        )
+        files.append((given.figure, figures.picture_bytes(picture, given.figure)))
     if given.drive and design.success:
         files.append((given.drive, drive_bytes(design.drive, study.point)))
     if given.page:
