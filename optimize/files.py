@@ -66,7 +66,7 @@ class OptimizerTable(Table):
     method: Method = METHODS[0]
     starts: Annotated[int, Field(ge=1, le=100_000)] = 32
     seed: Annotated[int, Field(ge=0)] = 0
-    sharpness: Annotated[float, Field(gt=0)] = 50.0
+    sharpness: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 50.0
     time_limit: SiOrText | None = None
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from beltjax.analysis.modes import Modes
 from beltjax.analysis.sensitivity import Sensitivities, named_numbers
 from beltjax.analysis.steady import SteadyState
+from beltjax.drive.checks import drawn_arm_angle
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.report.warnings import steady_warnings
 from beltjax.results import RESULTS, succeeded
@@ -58,11 +59,13 @@ def _layout(drive: Drive, steady: SteadyState) -> dict[str, Any]:
 
 def _reference(drive: Drive, steady: SteadyState, rested: bool) -> dict[str, Any]:
     reference = steady.reference
+    angle = reference.arm_angle
     effective = rested and drive.tensioner is not None
     return {
         "tensions": plain(reference.tensions),
         "unstretched_length": plain(reference.unstretched_length),
         "arm_angle": plain(reference.arm_angle),
+        "arm_turn": None if angle is None else plain(angle - drawn_arm_angle(drive)),  # from drawn
         "free_angle": plain(reference.free_angle),
         "tensioner_effectiveness": plain(steady.effectiveness) if effective else None,
     }

@@ -29,11 +29,14 @@ from beltjax.report.documents import (
 )
 from beltjax.report.programs import run_kept
 from beltjax.report.tables import analysis_tables, design_tables
+from beltjax.report.warnings import modes_left_out
 from beltjax.results import RESULTS, explanation
 
 MODES = 8
 _RUN = "give the JSON of a run of this study"
-BASIS = Legendre(40)  # frequencies to 1e-6 for any bending stiffness, and mostly to 1e-10
+MOST_VIBRATING = 40  # pulleys; the work for modes grows with the cube of their number
+_FUNCTIONS = 40  # a span: frequencies to 1e-6 for any bending stiffness, and mostly to 1e-10
+_COORDINATES = 500  # of all spans, whose modes are found in some seconds
 
 
 class Report(NamedTuple):
@@ -53,14 +56,21 @@ def analysis_job(path: str | os.PathLike[str], figure: str | None = None) -> Rep
     drive, point = load_drive(path)
     if figure:
         require_inertias(drive, path, "modes to draw need")
+        require_few_pulleys(drive, path, "modes to draw")
     numbers = canonical(drive, point)
-    found = jax.device_get(run_kept(canonical_sensitivities, *numbers, MODES, BASIS))
+    pulleys = len(drive.pulleys)
+    few = pulleys <= MOST_VIBRATING
+    basis = Legendre(min(_FUNCTIONS, max(_COORDINATES // pulleys, 1)))
+    asked = (MODES if few else 0), basis
+    found = jax.device_get(run_kept(canonical_sensitivities, *numbers, *asked))
     found = in_names_of(drive, point, found)
     why = diagnose(drive, point, found.steady)
     if why and why.impossible:
         raise FileError(path, why.key, why.message)
     failure = str(FileError(path, why.key, why.message)) if why else ""
     document = analysis_document(drive, found) | {"success": not failure}
+    if has_inertias(drive) and not few:
+        document["warnings"].append(modes_left_out(drive, MOST_VIBRATING))
     tables = analysis_tables(document, plain_numbers(drive, point))
     files: tuple[tuple[str, bytes], ...] = ()
     if figure and found.modes and not failure:
@@ -76,6 +86,13 @@ def require_inertias(drive: Drive, path: str | os.PathLike[str], what: str) -> N
         lacking = [f"pulley.{p.name}.inertia" for p in drive.pulleys if p.inertia is None]
         key = (lacking or ["tensioner.inertia"])[0]
         raise FileError(path, key, f"is missing; {what} the inertia of every pulley and of the arm")
+
+
+def require_few_pulleys(drive: Drive, path: str | os.PathLike[str], what: str) -> None:
+    """Raise `FileError` where a drive has more pulleys than `what` can be found for."""
+    if len(drive.pulleys) > MOST_VIBRATING:
+        message = f"found {len(drive.pulleys)}; {what} are found for {MOST_VIBRATING} at most"
+        raise FileError(path, "pulley", message)
 
 
 class StudyRequest(NamedTuple):

@@ -33,6 +33,15 @@ def steady_warnings(drive: Drive, steady: SteadyState) -> Warnings:
     ]
 
 
+def modes_left_out(drive: Drive, most: int) -> dict[str, str]:
+    """That a drive has more pulleys than modes are found for."""
+    text = (
+        f"modes are left out: they are found for {most} pulleys at most, and there are "
+        f"{len(drive.pulleys)}"
+    )
+    return {"code": "modes_left_out", "text": text}
+
+
 def response_warnings(drive: Drive, found: Response) -> Warnings:
     """Which spans would go slack under the excitation, and from which part of it on."""
     good = successes(found.result)

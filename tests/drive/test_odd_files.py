@@ -191,6 +191,22 @@ def test_key_or_name_that_is_refused_is_led_on(old, new, says, tmp_path):
     assert re.search(says, refused(bj.load_drive, path))
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("seed = 0", "sharpness = inf", "optimizer.sharpness: found inf; give a finite number"),
+        ("[optimizer]", "[robust]\nfactor = nan\n[optimizer]", "robust.factor: found nan"),
+        ("seed = 0", "seed = " + "9" * 41, "optimizer.seed: found an integer of more than 30"),
+        ("starts = 64", 'starts = "64"', "optimizer.starts: found '64'; give a valid integer"),
+    ],
+)
+def test_numbers_of_a_study_are_finite(old, new, says, tmp_path):
+    text = TEXTS["three_pulley_study.toml"]
+    assert old in text
+    (tmp_path / "study.toml").write_text(text.replace(old, new, 1))
+    assert says in refused(load_study, tmp_path / "study.toml")
+
+
 NASTY = [
     *("0", "-1", "1e400", "-1e308", "nan", "inf", "1e-320", "9" * 42, "0x7fffffff", "1_0", "true"),
     *("[]", "{}", "[[]]", "[[[[1]]]]", "{a={a=1}}", "1979-05-27", "07:32:00", "[1, 2, 3]"),
@@ -251,7 +267,7 @@ def read_mutants(folder, seed, count):
 
 def test_mutants_are_read_or_refused_in_one_line(tmp_path, monkeypatch):
     # What is asked of the layout compiles; it is not what is tried here.
-    monkeypatch.setattr(files, "require_possible_layout", lambda drives, path: drives[0])
+    monkeypatch.setattr(files, "require_possible_layout", lambda drives, *_: drives["clockwise"])
     ended = read_mutants(tmp_path, seed=1, count=20)
     assert 0.4 < sum(ended) / len(ended) < 0.95
 
