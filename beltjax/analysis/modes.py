@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Complex, Float
 from beltjax.analysis.damping import Damping, damping_matrix
 from beltjax.analysis.linearization import Linearization
 from beltjax.drive.canonical import strongly_typed
+from beltjax.drive.readable import Readable
 from beltjax.numerics.bases import Products
 from beltjax.numerics.counting import Counted, counted_derivative, counted_root
 from beltjax.numerics.gyroscopic import (
@@ -40,7 +41,7 @@ Route = Literal["auto", "hermitian", "general"]
 _MOSTLY = 0.6
 
 
-class Modes(eqx.Module):
+class Modes(Readable):
     """Natural modes z = Re(shape e^{(growth + i frequency) t}), of lowest frequency first.
 
     Shapes are amplitudes, zero to peak, of a motion that stores 1 joule; in each, the coordinate

@@ -6,7 +6,6 @@ knows which pulley the arm carries or in which sense the pulleys are listed.
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,6 +13,7 @@ from jaxtyping import Array, Bool, Float
 
 from beltjax.drive.canonical import canonical_drive
 from beltjax.drive.components import Drive, as_real
+from beltjax.drive.readable import Readable
 from beltjax.results import (
     RESULTS,
     first_failure,
@@ -22,7 +22,7 @@ from beltjax.results import (
 )
 
 
-class Layout(eqx.Module):
+class Layout(Readable):
     """Tangent points, spans and wraps of a drive, all [m] and [rad], in listed order.
 
     Span i runs from pulley i to the next in the list. `normals` point into the loop.

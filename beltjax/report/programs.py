@@ -75,7 +75,7 @@ def _key(function: Callable, args: Any) -> str:
     arrays, static = eqx.partition(args, eqx.is_array)
     shapes = [(leaf.shape, str(leaf.dtype)) for leaf in jax.tree.leaves(arrays)]
     parts = (jax.__version__, jaxlib.version.__version__, os.environ.get("XLA_FLAGS"), _processor())
-    parts += (function.__qualname__, shapes, jax.tree.structure(arrays), static)
+    parts += (function.__qualname__, shapes, jax.tree.structure(arrays), eqx.tree_pformat(static))
     digest.update(repr(parts).encode())
     return digest.hexdigest()[:40]
 
