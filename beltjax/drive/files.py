@@ -194,7 +194,8 @@ def drive_content(drive: Drive, point: OperatingPoint) -> dict[str, Any]:
 
 
 def _pulley_content(pulley: Pulley) -> dict[str, Any]:
-    content = {"name": pulley.name} | _numbers(pulley, skip=("name", "face", "driver", "on_arm"))
+    content: dict[str, Any] = {"name": pulley.name}
+    content |= _numbers(pulley, skip=("name", "face", "driver", "on_arm"))
     for key in ("radius", "rim_radius"):
         if content.get(key, 0.0) > LARGEST_BARE_RADIUS:
             content[key] = f"{content[key]!r} m"

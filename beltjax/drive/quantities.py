@@ -72,7 +72,7 @@ def validated(table: type[TableType], content: dict[str, Any], path: object) -> 
         raise FileError(path, key, _message(first, table) + more) from failure
 
 
-def _key(location: Iterable[int | str], content: Any) -> str:
+def _key(location: Iterable[Any], content: Any) -> str:
     """'pulley.accessory.radius' for ('pulley', 2, 'radius'): items go by their names."""
     words: list[str] = []
     for step in location:

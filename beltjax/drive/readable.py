@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import equinox as eqx
 import jax
 import numpy as np
+from jax.core import Tracer
 
 from beltjax.results import RESULTS, code, outcomes
 
@@ -108,7 +109,7 @@ def _is_plain(module: eqx.Module) -> bool:
         if isinstance(value, str):
             continue
         for leaf in jax.tree.leaves(value):
-            if isinstance(leaf, jax.core.Tracer) or not isinstance(leaf, _NUMBERS | str):
+            if isinstance(leaf, Tracer) or not isinstance(leaf, _NUMBERS | str):
                 return False
         if rank is not None and (value is None or np.ndim(value) != rank):
             return False
@@ -142,7 +143,8 @@ def _rows(module: Readable) -> Iterator[tuple[str, str, str]]:
             continue
         for part in _parts(value):
             if isinstance(part, Readable) and type(part).__module__ == type(module).__module__:
-                label = f"{type(part).__name__.lower()} {part.name}" if part is not value else name
+                one = f"{type(part).__name__.lower()} {getattr(part, 'name', '')}"
+                label = name if part is value else one.rstrip()
                 yield label, ", ".join(_inline(part)), ""
             elif part is not None and part is not value:
                 yield name, _counted(value), ""

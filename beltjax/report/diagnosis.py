@@ -157,6 +157,7 @@ def _belt_diagnosis(drive: Drive, rule: BeltGiven) -> Diagnosis:
 
 def _told_apart(*lengths: float) -> list[str]:
     """Lengths [m] with so many decimals, four at least, that none looks like another."""
+    texts: list[str] = []
     for decimals in range(4, 16):
         texts = [f"{length:.{decimals}f}" for length in lengths]
         if len(set(texts)) == len(set(lengths)):

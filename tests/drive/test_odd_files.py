@@ -7,7 +7,6 @@ import re
 import time
 
 import pytest
-from beltjax.optimize import load_study
 from drives import EXAMPLES
 
 import beltjax as bj
@@ -15,6 +14,7 @@ from beltjax.drive import files
 from beltjax.drive.units import si_of_text, to_si
 from beltjax.reading import read_json, read_toml
 
+load_study = bj.optimize.load_study
 TEXTS = {path.name: path.read_text() for path in sorted(EXAMPLES.glob("*.toml"))}
 THREE = TEXTS["three_pulley.toml"]
 
