@@ -139,7 +139,9 @@ def _rows(module: Readable) -> Iterator[tuple[str, str, str]]:
     for field in dataclasses.fields(module):
         name, value = field.name, getattr(module, field.name)
         if isinstance(value, dict):
-            yield from ((f"{name} {key}", *_told(name, item)) for key, item in value.items())
+            for key, item in value.items():
+                # The values of design variables have each their own unit.
+                yield f"{name} {key}", *_told(key if name == "values" else name, item)
             continue
         for part in _parts(value):
             if isinstance(part, Readable) and type(part).__module__ == type(module).__module__:
