@@ -17,7 +17,7 @@ _FACTOR = rf"(?:{_NAME}{_POWER}|1(?=\s*/))"
 _UNIT = re.compile(rf"/?[\s(]*+{_FACTOR}(?:[\s)]*+[*/·⋅]?[\s(]*+{_FACTOR})*[\s)]*+")
 _NUMBER_WITH_UNIT = re.compile(rf"\s*({_PLAIN})\s*(.*)")
 _BARE_POWER = re.compile(r"(?<=[A-Za-z])(?=[0-9])")  # "m2", to the units library a name
-_LONE_NUMBER = re.compile(rf"\s*{_PLAIN}\s*")
+_LONE_NUMBER = re.compile(rf"\s*(?:{_PLAIN}|[-+]?(?:inf|nan))\s*")
 _DECIMAL_COMMA = re.compile(r"\s*([-+]?[0-9]+),([0-9]+)(?![,.0-9])(.*)")
 _MIXED_FRACTION = re.compile(r"\s*(?:([0-9]{1,6})[ -])?\s*([0-9]{1,6})/([0-9]{1,6})(?![0-9])(.*)")
 # Words that make a unit one of angle. To a units library an angle has no dimension, so that
