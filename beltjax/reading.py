@@ -13,11 +13,12 @@ from typing import Any
 
 from beltjax.errors import FileError
 
-_MEBIBYTE = 2**20
-_LARGEST_TOML = _MEBIBYTE  # a drive of a thousand pulleys takes a sixth of it
-_LARGEST_JSON = 64 * _MEBIBYTE  # of a study with many starts
+_KIBIBYTE = 1024
+_LARGEST_TOML = 256 * _KIBIBYTE  # a drive of 200 pulleys takes a sixth of it
+_LARGEST_JSON = 16 * 1024 * _KIBIBYTE  # a study of 100,000 starts
 _DEEPEST = 32  # tables within tables; drives and studies have four
 _LONGEST = 1000  # characters of a key or a text
+_MOST = 2000  # items of a list, keys of a table
 _LARGEST_INTEGER = 10**30
 # Keys joined by dots, more than are allowed. The parser's work grows with the square of their
 # number. Each attempt begins where a word does and gives nothing back, so the search is linear.
@@ -43,11 +44,13 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
     if deep:
         line = text.count("\n", 0, deep.start()) + 1
         raise FileError(path, "", f"line {line} has more than {_DEEPEST} keys joined by dots")
-    return _parsed(path, lambda: tomllib.loads(text), "TOML", "correct that line")
+    content = _parsed(path, lambda: tomllib.loads(text), "TOML", "correct that line")
+    _require_moderate(path, content)
+    return content
 
 
 def read_json(path: str | os.PathLike[str], remedy: str) -> Any:
-    """The content of a JSON file; raises `FileError` as `read_toml` does, ending in `remedy`."""
+    """The content of a JSON file; raises `FileError`, which ends in `remedy`."""
     data = read_file(path, _LARGEST_JSON, remedy)
     return _parsed(path, lambda: json.loads(data), "JSON", remedy)
 
@@ -67,7 +70,7 @@ def read_file(path: str | os.PathLike[str], largest: int, remedy: str) -> bytes:
     if not stat.S_ISREG(mode):
         raise FileError(path, "", f"is no file but a {_kind(mode)}; {remedy}")
     if len(data) > largest:
-        limit = f"{largest // _MEBIBYTE} MiB"
+        limit = f"{largest // _KIBIBYTE} KiB"
         raise FileError(path, "", f"is larger than {limit}, the most that is read; {remedy}")
     return data
 
@@ -80,22 +83,23 @@ def _kind(mode: int) -> str:
 
 def _parsed(path: object, parse: Callable[[], Any], language: str, remedy: str) -> Any:
     try:
-        content = parse()
+        return parse()
     except RecursionError as error:
         raise FileError(path, "", f"is nested too deep; {remedy}") from error
     except ValueError as error:  # the errors of both parsers are ValueErrors
         raise FileError(path, "", f"is not {language}: {error}; {remedy}") from error
-    _require_moderate(path, content)
-    return content
 
 
 def _require_moderate(path: object, content: Any) -> None:
-    """Raise `FileError` for what is nested too deep, and for long keys, texts and integers."""
+    """Raise `FileError` for what is nested too deep, and for long lists, keys, texts, integers."""
     pending: list[tuple[tuple[Any, ...], Any]] = [((), content)]
     while pending:
         keys, value = pending.pop()
         if len(keys) > _DEEPEST:
             raise FileError(path, str(keys[0]), f"is nested more than {_DEEPEST} deep")
+        if isinstance(value, dict | list) and len(value) > _MOST:
+            message = f"found {len(value)} items; {_MOST} at most are read"
+            raise FileError(path, _joined(keys), message)
         if isinstance(value, dict):
             for key in value:
                 if len(key) > _LONGEST:

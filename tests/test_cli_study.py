@@ -131,12 +131,12 @@ WARM = {
     "a list": ("[1, 2]", r"design: is missing; give the JSON of a run of this study"),
     "no design": ('{"design": 3}', r"design: is missing; give"),
     "nested": ("[" * 100_000, r"is nested too deep; give the JSON of a run"),
-    "nested design": ('{"design": {' + f"{NAME}: " + "[" * 500 + "]" * 500 + "}}", r"design: is nested more than 32 deep"),
+    "nested design": ('{"design": {' + f"{NAME}: " + "[" * 500 + "]" * 500 + "}}", r"design: found a list of 1 for 'pulley\.tensioner\.radius', no finite number"),
     "not a number": ('{"design": {' + f"{NAME}: NaN" + "}}", r"design: found nan for 'pulley\.tensioner\.radius', no finite number"),
     "infinite": ('{"design": {' + f"{NAME}: 1e999" + "}}", r"design: found inf for"),
     "text": ('{"design": {' + f'{NAME}: "0.03"' + "}}", r"design: found '0\.03' for"),
     "logical": ('{"design": {' + f"{NAME}: true" + "}}", r"design: found True for"),
-    "400 digits": ('{"design": {' + f"{NAME}: {'9' * 400}" + "}}", r"design\.pulley\.tensioner\.radius: found an integer of more than 30 digits"),
+    "400 digits": ('{"design": {' + f"{NAME}: {'9' * 400}" + "}}", r"design: found an integer of more than 30 digits for"),
     "5000 digits": ('{"design": {' + f"{NAME}: {'9' * 5000}" + "}}", r"is not JSON: Exceeds the limit"),
 }  # fmt: skip
 
