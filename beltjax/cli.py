@@ -328,13 +328,13 @@ def _require_apart(source: str, *paths: str | None) -> None:
 
 
 def _drive_file_of(source: str) -> list[str]:
-    """The drive file that a study names; none where it is no study, which is said elsewhere."""
+    """The drive file that a study names; none where it is no study.
+
+    Raises `FileError` for what cannot be read at all, before anything slow is loaded.
+    """
     from beltjax.reading import read_toml
 
-    try:
-        named = read_toml(source).get("drive")
-    except FileError:
-        return []
+    named = read_toml(source).get("drive")
     return [os.path.join(os.path.dirname(source), named)] if isinstance(named, str) else []
 
 

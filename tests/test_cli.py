@@ -294,12 +294,13 @@ def test_fresh_process_sets_double_precision_and_handles_an_interrupt(tmp_path):
         "sys.argv = ['beltjax', 'analyze', 'x.toml', '--json', 'out.json']\n"
         "beltjax.__main__.main()"
     )
+    (tmp_path / "x.toml").touch()
     ended = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=120
     )
     assert ended.returncode == 130
     assert one_line(ended.stderr)
-    assert list(tmp_path.iterdir()) == []
+    assert [path.name for path in tmp_path.iterdir()] == ["x.toml"]
 
 
 def test_what_is_no_json_is_never_written():

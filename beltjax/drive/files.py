@@ -205,8 +205,9 @@ def _pulley_content(pulley: Pulley) -> dict[str, Any]:
 
 def _installation_content(rule: TensionGiven | BeltGiven) -> dict[str, Any]:
     content = _numbers(rule, skip=("tension_of",))
-    usual = isinstance(rule, BeltGiven) or rule.tension_of == "belt"
-    return content if usual else content | {"tension_of": rule.tension_of}
+    if isinstance(rule, BeltGiven) or rule.tension_of == "belt":
+        return content
+    return content | {"tension_of": rule.tension_of}
 
 
 def _numbers(part: Any, skip: tuple[str, ...] = ()) -> dict[str, Any]:

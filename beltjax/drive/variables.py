@@ -77,7 +77,7 @@ def wound_alike(drive: Drive, before: Drive, turned: Float[Array, ""]) -> Drive:
     the angle by which the tensioner was `turned`, must not wind the spring by a whole turn.
     """
     rule = drive.installation
-    if drive.tensioner is None or not isinstance(rule, BeltGiven):
+    if not isinstance(rule, BeltGiven) or rule.free_angle is None:
         return drive
     now, then = (jnp.arctan2(d.arm[1], d.arm[0]) for d in (drive, before))
     turns = jnp.round((now - then - turned) / (2 * jnp.pi))

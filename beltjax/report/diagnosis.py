@@ -98,10 +98,11 @@ def _turn_off(drive: Drive, point: OperatingPoint, result: RESULTS) -> Diagnosis
 
 
 def travel_lead(drive: Drive, point: OperatingPoint) -> str:
-    """Says so where the drive runs in the other sense of travel, and is not symmetric in it."""
+    """Says so where the drive runs in the other sense of travel, and not in this one."""
     if not any(float(torque) for torque in point.torque.values()):
         return ""
-    if not _runs(drive, dataclasses.replace(point, travel=-point.travel)):
+    against = dataclasses.replace(point, travel=-point.travel)
+    if _runs(drive, point) or not _runs(drive, against):
         return ""
     other = "opposite" if float(point.travel) > 0 else "listed"
     return f"or is operation.travel = {other!r} meant? In that sense the drive runs"
