@@ -55,9 +55,7 @@ def analyze(drive_file: str, json_path: str | None, figure: str | None) -> None:
 @cli.command()
 @click.argument("study_file", metavar="STUDY.toml")
 @_json_option
-@click.option(
-    "--figure", metavar="FILE", help="Picture of the layout before and after; STUDY_layout.png."
-)
+@click.option("--figure", metavar="FILE.png", help="Picture of the layout before and after.")
 @click.option("--out", "--save-drive", "drive", metavar="DRIVE.toml", help="Optimized drive.")
 @click.option("--report", "page", metavar="FILE.html", help="Report that opens in a browser.")
 @click.option("--method", type=click.Choice(METHODS), help="In place of the study's.")
@@ -66,7 +64,6 @@ def analyze(drive_file: str, json_path: str | None, figure: str | None) -> None:
 @click.option("--warm", metavar="FILE.json", help="Also start from the design of an earlier run.")
 def optimize(study_file: str, json_path: str | None, figure: str | None, **given: Any) -> None:
     """The design that minimizes an objective under constraints."""
-    figure = figure or f"{Path(study_file).stem}_layout.png"
     outputs = (given[name] for name in ("drive", "page", "checkpoint"))
     _check_outputs(study_file, json_path, figure, *outputs)
     _check_picture(figure)
@@ -154,6 +151,7 @@ def explore(
     Written batch by batch to a Zarr store. Killed or interrupted, the same command goes on.
     """
     _check_outputs(drive_file, json_path)
+    _require_apart(drive_file, json_path, store)
     _prepare_jax()
     with _progress() as advance:
         from beltjax.report.exploration import Exploring, exploration_job
@@ -299,8 +297,45 @@ def _quit(message: str, status: int) -> NoReturn:
 
 
 def _check_outputs(source: str, *paths: str | None) -> None:
-    for path in paths:
-        _check_output(path, source)
+    """Refuse outputs that cannot or must not be written before the work, not after it."""
+    from beltjax.writing import refusal
+
+    _require_apart(source, *paths)
+    for path in filter(None, paths):
+        why = "" if path == "-" else refusal(path)
+        if why:
+            raise click.ClickException(f"{path}: {why}")
+
+
+def _require_apart(source: str, *paths: str | None) -> None:
+    """Refuse outputs that are the file that is read, a study's drive file, or one another."""
+    from beltjax.writing import is_same, is_special
+
+    read = [source, *_drive_file_of(source)]
+    written: list[str] = []
+    for path in filter(None, paths):
+        if path == "-" or is_special(path):
+            continue
+        if any(is_same(path, other) for other in read):
+            raise click.ClickException(
+                f"{path}: is a file that is read; give another to be written"
+            )
+        twice = [other for other in written if is_same(path, other)]
+        if twice:
+            also = "" if path == twice[0] else f", also as {twice[0]}"
+            raise click.ClickException(f"{path}: is given for two outputs{also}; give two files")
+        written.append(path)
+
+
+def _drive_file_of(source: str) -> list[str]:
+    """The drive file that a study names; none where it is no study.
+
+    Raises `FileError` for what cannot be read at all, before anything slow is loaded.
+    """
+    from beltjax.reading import read_toml
+
+    named = read_toml(source).get("drive")
+    return [os.path.join(os.path.dirname(source), named)] if isinstance(named, str) else []
 
 
 def _check_picture(path: str | None) -> None:
@@ -308,42 +343,19 @@ def _check_picture(path: str | None) -> None:
         raise click.ClickException(f"{path}: is no picture; end its name in {', '.join(PICTURES)}")
 
 
-def _check_output(path: str | None, source: str) -> None:
-    """Refuse an output that cannot or must not be written before the work, not after it."""
-    from beltjax.writing import is_special
-
-    if path is None or path == "-":
-        return
-    folder = Path(path).resolve().parent
-    if Path(path).resolve() == Path(source).resolve():
-        raise click.ClickException(f"{path}: is the file that is read; give another for the output")
-    if not folder.is_dir() or Path(path).is_dir():
-        raise click.ClickException(
-            f"{path}: cannot be written there; give a file in a folder that exists"
-        )
-    if not is_special(path) and not os.access(folder, os.W_OK):
-        raise click.ClickException(f"{path}: its folder may not be written; give another folder")
-
-
 def _prepare_jax() -> None:
     """Double precision, and compiled code kept in the user's cache for the next run."""
     import jax
     from platformdirs import user_cache_dir
 
+    from beltjax.writing import made_private
+
     jax.config.update("jax_enable_x64", True)
     cache = user_cache_dir("beltjax")
-    if not os.environ.get("JAX_COMPILATION_CACHE_DIR") and _writable(cache):
+    if not os.environ.get("JAX_COMPILATION_CACHE_DIR") and made_private(cache):
         jax.config.update("jax_compilation_cache_dir", cache)
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
-
-
-def _writable(folder: str) -> bool:
-    try:
-        os.makedirs(folder, exist_ok=True)
-    except OSError:
-        return False
-    return os.access(folder, os.W_OK)
 
 
 @contextlib.contextmanager
@@ -378,12 +390,17 @@ def _finish(report: Any, json_path: str | None) -> None:
     """Write the files, print the tables or the JSON, and leave with the right status."""
     from rich.console import Console
 
-    from beltjax.report.documents import complete, json_text, write_json
-    from beltjax.writing import write_whole
+    from beltjax.report.documents import complete, json_bytes, json_text
+    from beltjax.writing import write_together
 
     document = complete(report.document)
-    for path, content in report.files:
-        write_whole(path, content)
+    files, failed = list(report.files), None
+    if json_path and json_path != "-":
+        files.append((json_path, json_bytes(document)))
+    try:
+        write_together(files)
+    except OSError as error:
+        failed = error  # the answer is shown all the same
     if json_path == "-":
         click.echo(json_text(document))
     else:
@@ -391,10 +408,9 @@ def _finish(report: Any, json_path: str | None) -> None:
         # Piped into a file there is no width to fit; names must not be cut there.
         console.width = console.width if console.is_terminal else 120
         console.print(report.tables)
-        if json_path:
-            write_json(document, json_path)
-        written = [path for path, _ in report.files] + [json_path] * bool(json_path)
-        if written:
-            click.echo(f"wrote {', '.join(written)}")
+        if files and not failed:
+            click.echo(f"wrote {', '.join(path for path, _ in files)}")
+    if failed:
+        raise failed
     if report.failure:
         _quit(report.failure, FAILED)

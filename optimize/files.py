@@ -12,9 +12,11 @@ from pydantic import Field
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.files import load_drive
 from beltjax.drive.numbers import unit_of_number
-from beltjax.drive.quantities import Table, read_toml, to_si, validated
+from beltjax.drive.quantities import Table, validated
+from beltjax.drive.units import to_si
 from beltjax.drive.variables import unit_of, variable_names
 from beltjax.errors import FileError
+from beltjax.reading import read_toml
 
 from .points import PointTable, SiOrText, number_of, read_cases, require_of_drive
 from .quantities import is_many
@@ -64,7 +66,7 @@ class OptimizerTable(Table):
     method: Method = METHODS[0]
     starts: Annotated[int, Field(ge=1, le=100_000)] = 32
     seed: Annotated[int, Field(ge=0)] = 0
-    sharpness: Annotated[float, Field(gt=0)] = 50.0
+    sharpness: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 50.0
     time_limit: SiOrText | None = None
 
 
@@ -94,7 +96,7 @@ def load_study(path: str | os.PathLike[str]) -> Study:
         raise FileError(path, "belt", message)
     file = validated(StudyTable, content, path)
     drive_path = Path(path).parent / file.drive
-    if not drive_path.is_file():
+    if not os.path.isfile(drive_path):
         raise FileError(path, "drive", f"there is no file {drive_path}; give its path from here")
     drive, point = load_drive(drive_path)
     cases = read_cases(file.point, drive, point, path) if file.point else None

@@ -3,13 +3,13 @@
 import dataclasses
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from beltjax.analysis.steady import SteadyState, steady_state
 from beltjax.drive.components import Drive
+from beltjax.drive.readable import Readable
 from beltjax.results import RESULTS, succeeded
 
 from .conflicts import conflicting, least_violated
@@ -62,7 +62,7 @@ class Optimum(NamedTuple):
     residual: float  # of the optimality conditions, scaled
 
 
-class Design(eqx.Module):
+class Design(Readable):
     """The outcome of a study: the best design found and the evidence for it."""
 
     drive: Drive

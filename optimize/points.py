@@ -11,7 +11,8 @@ from pydantic import Field
 
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.numbers import require_numbers
-from beltjax.drive.quantities import Table, to_si
+from beltjax.drive.quantities import Table
+from beltjax.drive.units import to_si
 from beltjax.errors import FileError
 
 from .study import Cases

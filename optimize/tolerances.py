@@ -28,7 +28,7 @@ class ToleranceTable(Table):
 class RobustTable(Table):
     """[robust]: how many standard deviations count, or which quantile."""
 
-    factor: Annotated[float | int, Field(ge=0)] | None = None
+    factor: Annotated[float | int, Field(ge=0, allow_inf_nan=False)] | None = None
     quantile: Annotated[float, Field(gt=0.5, lt=1)] | None = None
     samples: Annotated[int, Field(ge=0, le=100_000)] | None = None
 

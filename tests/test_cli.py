@@ -1,6 +1,8 @@
 """The command line as a user meets it: tables, JSON, exit status, one line for an error."""
 
+import errno
 import json
+import math
 import re
 import subprocess
 import sys
@@ -9,7 +11,8 @@ import numpy as np
 import pytest
 from drives import EXAMPLES
 
-from beltjax.report.documents import write_json
+from beltjax import writing
+from beltjax.report.documents import json_bytes
 
 THREE = (EXAMPLES / "three_pulley.toml").read_text()
 STUDY = (EXAMPLES / "three_pulley_study.toml").read_text()
@@ -78,6 +81,93 @@ def test_belt_that_does_not_fit_is_a_bad_file(run, tmp_path):
     assert not (tmp_path / "out.json").exists()
 
 
+def test_free_angle_that_is_a_turn_off_is_led_on(run, tmp_path):
+    # The belt and the free angle of the drive as drawn, the angle told in (0, 360] degrees.
+    rule = '[installation]\nbelt_length = 1.5103162923712807\nfree_angle = "346.5667431779692 deg"'
+    (tmp_path / "turn.toml").write_text(
+        THREE.replace("[installation]", rule).replace("tension = 300.0", "")
+    )
+    status, _, err = run("analyze", "turn.toml")
+    assert status == 1
+    assert one_line(err)
+    assert "installation.free_angle: found 346.567 deg" in err
+    assert "from the drawn arm at -3.74932 deg; -13.4333 deg, one turn away, fits" in err
+
+
+@pytest.mark.slow
+def test_belt_that_is_hardly_too_long_is_told_by_digits_and_sent_to_contact(run, tmp_path):
+    (tmp_path / "long.toml").write_text(SLACK_STRING)
+    status, _, err = run("analyze", "long.toml")
+    assert status == 1
+    assert one_line(err)
+    assert "found 0.23202 m, too long: the path takes 0.23200 m; change belt_length" in err
+    assert "`beltjax contact` tells whether a stiff belt is tight" in err
+
+
+@pytest.mark.slow
+def test_stiff_belt_that_is_slack_as_a_string_is_tight_in_contact(run, tmp_path):
+    (tmp_path / "long.toml").write_text(SLACK_STRING)
+    given = "tension = 10.14255222"
+    (tmp_path / "tight.toml").write_text(SLACK_STRING.replace("belt_length = 0.23202", given))
+    found = []
+    for name in ("long.toml", "tight.toml"):
+        status, out, _ = run("contact", name, "--json", "-")
+        assert status == 0
+        found.append(json.loads(out))
+    # One belt, found from its length and from its tension.
+    assert found[0]["spans"][0]["tension_mid"] == pytest.approx(10.14255222, rel=1e-6)
+    assert found[1]["unstretched_length"] == pytest.approx(0.23202, rel=1e-8)
+    assert found[0]["string_tension"] < 0
+
+
+SLACK_STRING = """
+[belt]
+axial_stiffness = "6 kN"
+bending_stiffness = 1e-4
+mass_per_length = 0.02
+[[pulley]]
+name = "a"
+center = [0, 0]
+radius = "5.093 mm"
+face = "grooved"
+driver = true
+[[pulley]]
+name = "b"
+center = ["100 mm", 0]
+radius = "5.093 mm"
+face = "grooved"
+[installation]
+belt_length = 0.23202
+[operation]
+belt_speed = 0
+"""
+
+
+def test_arm_turned_by_torque_is_shown_and_no_arm_is_not(run, tmp_path):
+    (tmp_path / "loaded.toml").write_text(THREE.replace("accessory = 0.0", "accessory = 6.0"))
+    status, out, _ = run("analyze", "loaded.toml", "--json", "loaded.json")
+    assert status == 0
+    turn = json.loads((tmp_path / "loaded.json").read_text())["reference"]["arm_turn"]
+    # By hand: the drawn arm is at -3.749 deg.
+    angle = json.loads((tmp_path / "loaded.json").read_text())["reference"]["arm_angle"]
+    assert turn == pytest.approx(angle + math.atan2(0.00635, 0.0969), rel=1e-9)
+    assert f"arm's turn, drawn to rest              {turn:.6f}" in re.sub(" {15,}", " " * 14, out)
+    _, out, _ = run("analyze", EXAMPLES / "two_pulley_table_5_1.toml")
+    assert "coupling Gamma" in out
+    assert "arm" not in out
+    assert "tensioner" not in out
+
+
+def test_nothing_moves_the_gamma_of_a_string(run, tmp_path):
+    (tmp_path / "string.toml").write_text(
+        re.sub(r"bending_stiffness = \S+", "bending_stiffness = 0", THREE)
+    )
+    status, out, _ = run("analyze", "string.toml")
+    assert status == 0
+    assert "What moves Gamma" not in out
+    assert "Nothing moves Gamma: the spans of a belt without bending stiffness are straight" in out
+
+
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
@@ -85,7 +175,7 @@ def test_belt_that_does_not_fit_is_a_bad_file(run, tmp_path):
         ("bending_stiffness = 0.015      # EI [N m^2]: eps = 0.0202", "bending_stiffness = 0", r"belt_speed: span .* goes slack at .* 140 m/s: lower"),
         # A stiff belt holds on, at tensions that no belt bears.
         ("belt_speed = 20.0", "belt_speed = 900.0", r"belt_speed: The running belt would be stretched"),
-        ("accessory = 0.0", "accessory = -40.0", r"operation\.torque: span accessory-crankshaft is slack at rest \(-961\.7 N\)"),
+        ("accessory = 0.0", "accessory = -40.0", r"operation\.torque: span accessory-crankshaft is slack at rest \(-961\.7 N\) .* or is operation\.travel = 'opposite' meant\?"),
     ],
 )  # fmt: skip
 def test_drive_that_cannot_run_is_an_answer(run, tmp_path, old, new, says):
@@ -128,6 +218,7 @@ def test_wrong_arguments(run, tmp_path, words, says):
 
 def test_optimize_writes_json_picture_and_drive(run, tmp_path):
     words = ["optimize", EXAMPLES / "three_pulley_study.toml", "--json", "out.json"]
+    words += ["--figure", "layout.png"]
     status, out, err = run(*words, "--save-drive", "after.toml")
     assert (status, err) == (0, "")
     assert "active" in out
@@ -140,7 +231,9 @@ def test_optimize_writes_json_picture_and_drive(run, tmp_path):
     keys = {"quantity", "value", "lower", "upper", "multiplier", "active"}
     assert all(keys <= set(constraint) for constraint in document["constraints"])
     assert len(document["starts"]) == 64
-    assert (tmp_path / "three_pulley_study_layout.png").read_bytes()[:4] == b"\x89PNG"
+    assert (tmp_path / "layout.png").read_bytes()[:4] == b"\x89PNG"
+    # Nothing that was not asked for.
+    assert {path.name for path in tmp_path.iterdir()} == {"out.json", "after.toml", "layout.png"}
     status, out, _ = run("analyze", "after.toml", "--json", "-")
     assert json.loads(out)["steady"]["coupling_total"] == pytest.approx(
         document["objective"]["final"]
@@ -201,15 +294,27 @@ def test_fresh_process_sets_double_precision_and_handles_an_interrupt(tmp_path):
         "sys.argv = ['beltjax', 'analyze', 'x.toml', '--json', 'out.json']\n"
         "beltjax.__main__.main()"
     )
+    (tmp_path / "x.toml").touch()
     ended = subprocess.run(
         [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=120
     )
     assert ended.returncode == 130
     assert one_line(ended.stderr)
-    assert list(tmp_path.iterdir()) == []
+    assert [path.name for path in tmp_path.iterdir()] == ["x.toml"]
 
 
-def test_files_are_written_whole_or_not_at_all(tmp_path):
+def test_what_is_no_json_is_never_written():
     with pytest.raises(ValueError, match="Out of range"):
-        write_json({"x": float("nan")}, tmp_path / "out.json")
-    assert list(tmp_path.iterdir()) == []
+        json_bytes({"x": float("nan")})
+
+
+def test_an_answer_that_cannot_be_written_is_shown(run, monkeypatch):
+    def refuse(given):
+        assert [path for path, _ in given] == ["out.json"]
+        raise OSError(errno.ENOSPC, "No space left on device", "out.json")
+
+    monkeypatch.setattr(writing, "write_together", refuse)
+    status, out, err = run("analyze", EXAMPLES / "three_pulley.toml", "--json", "out.json")
+    assert status == 1
+    assert "coupling Gamma" in out
+    assert err == "beltjax: out.json: cannot be written (No space left on device)\n"

@@ -94,3 +94,14 @@ def test_three_pulleys_without_torque_have_no_largest(run):
     status, _, err = run("contact", EXAMPLES / "three_pulley.toml", "--maximum")
     assert status == 1
     assert "nothing to raise to its maximum" in err
+
+
+@pytest.mark.slow
+def test_torque_against_the_sense_that_is_meant_is_led_on(run, tmp_path):
+    text = (EXAMPLES / "three_pulley.toml").read_text()
+    text = text.replace('face = "grooved"', 'face = "grooved"\nfriction = 20.0')
+    (tmp_path / "against.toml").write_text(text.replace("accessory = 0.0", "accessory = -40.0"))
+    status, _, err = run("contact", "against.toml")
+    assert status == 2
+    assert "operation.torque: The belt does not press on a pulley any more" in err
+    assert "(or is operation.travel = 'opposite' meant? In that sense the drive runs)" in err

@@ -11,12 +11,21 @@ ROOT = Path(__file__).parents[1]
 ALLOWED = {
     "numerics": {"numerics", "results"},
     "physics": {"numerics", "physics", "results"},
-    "drive": {"numerics", "drive", "results", "errors", "writing"},
+    "drive": {"numerics", "drive", "results", "errors", "reading", "writing"},
     "analysis": {"numerics", "physics", "drive", "analysis", "results", "errors"},
-    "report": {"numerics", "drive", "analysis", "report", "results", "errors", "writing"},
+    "report": {
+        "numerics",
+        "drive",
+        "analysis",
+        "report",
+        "results",
+        "errors",
+        "reading",
+        "writing",
+    },
     # It compares the models themselves with print.
     "report/validation": {"numerics", "physics", "analysis", "report", "writing"},
-    "optimize": {"numerics", "drive", "analysis", "results", "errors", "writing"},
+    "optimize": {"numerics", "drive", "analysis", "results", "errors", "reading", "writing"},
 }
 
 

@@ -15,6 +15,9 @@ def test_readme_example_runs(tmp_path, monkeypatch, capsys):
     exec(compile(block, "README.md", "exec"), names)
     assert names["design"].success
     assert (tmp_path / "after.toml").exists()
+    shown = " ".join(repr(names["design"]).split())
+    assert "values pulley.tensioner.radius 0.06 m" in shown
+    assert shown.startswith("Design drive Drive")
     # What the README says of the study is what it finds.
     before, after = re.search(r"take Gamma from (\S+) to (\S+) with", text).groups()
     assert f"{names['design'].initial:.2f}" == before

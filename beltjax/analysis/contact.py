@@ -3,7 +3,6 @@
 import dataclasses
 from typing import Literal, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -27,6 +26,7 @@ from beltjax.drive.components import (
 )
 from beltjax.drive.groups import ContactGroups, Scales, TravelOrder, contact_groups
 from beltjax.drive.layout import Layout, layout
+from beltjax.drive.readable import Readable
 from beltjax.drive.usable import harmless, usable
 from beltjax.numerics.compilation import boundary_jit
 from beltjax.numerics.lanes import in_lanes_of
@@ -49,7 +49,7 @@ _BARE = 0.05  # of the tension at rest: a least P at a contact below it was abou
 _NARROW = 0.02  # a wrap below it was about to vanish [rad]
 
 
-class ContactState(eqx.Module):
+class ContactState(Readable):
     """Belt and pulleys in contact, in listed order; a span's start is at its first listed pulley.
 
     Angles of spans are inclinations of the belt going from start to end, from the line of

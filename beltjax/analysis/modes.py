@@ -3,7 +3,6 @@
 import functools
 from typing import Literal, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +11,7 @@ from jaxtyping import Array, Bool, Complex, Float
 from beltjax.analysis.damping import Damping, damping_matrix
 from beltjax.analysis.linearization import Linearization
 from beltjax.drive.canonical import strongly_typed
+from beltjax.drive.readable import Readable
 from beltjax.numerics.bases import Products
 from beltjax.numerics.compilation import boundary_jit, usual_promotion
 from beltjax.numerics.counting import Counted, counted_derivative, counted_root
@@ -41,7 +41,7 @@ Route = Literal["auto", "hermitian", "general"]
 _MOSTLY = 0.6
 
 
-class Modes(eqx.Module):
+class Modes(Readable):
     """Natural modes z = Re(shape e^{(growth + i frequency) t}), of lowest frequency first.
 
     Shapes are amplitudes, zero to peak, of a motion that stores 1 joule; in each, the coordinate

@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float
 from beltjax.drive.canonical import canonical
 from beltjax.drive.components import BeltGiven, Drive, OperatingPoint, TensionGiven
 from beltjax.drive.layout import Layout, Outline, Path, belt_path, layout, outline
+from beltjax.drive.readable import Readable
 from beltjax.drive.usable import harmless, usable
 from beltjax.numerics.compilation import boundary_jit
 from beltjax.numerics.roots import Search, implicit_root, system_root
@@ -28,7 +29,7 @@ LARGEST_STRAIN = 0.1  # beyond this a belt is not stretched but broken
 LARGEST_TURN = 0.2  # of the arm, in one Newton step [rad]
 
 
-class ReferenceState(eqx.Module):
+class ReferenceState(Readable):
     """String tensions and arm angle at rest, with the torques of the operating point."""
 
     layout: Layout  # with the arm where the torques hold it

@@ -12,6 +12,7 @@ from beltjax.analysis.linearization import Linearization, linearize
 from beltjax.analysis.steady import steady_state
 from beltjax.drive.canonical import canonical, strongly_typed
 from beltjax.drive.components import Drive, OperatingPoint, as_complex, as_real, concrete
+from beltjax.drive.readable import Readable
 from beltjax.numerics.bases import AbstractBasis, Legendre
 from beltjax.numerics.compilation import boundary_jit
 from beltjax.physics.exact_vibration import (
@@ -59,7 +60,7 @@ class Excitation(eqx.Module):
         return jnp.stack([self.torques.get(name, as_complex(0.0)) for name in names])
 
 
-class Response(eqx.Module):
+class Response(Readable):
     """Steady oscillation at each frequency: amplitudes zero to peak, z(t) = Re(z e^{i Omega t})."""
 
     frequencies: Float[Array, " points"]  # Omega [rad/s]

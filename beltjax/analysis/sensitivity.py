@@ -24,7 +24,7 @@ class Sensitivities(NamedTuple):
     """States of a drive, and how its numbers move them."""
 
     steady: SteadyState
-    modes: Modes | None  # None where an inertia is missing
+    modes: Modes | None  # None where an inertia is missing, or none are asked for
     coupling: Gradient  # of Gamma, all spans
     frequencies: Gradient | None  # of each frequency [rad/s], along a leading axis
 
@@ -74,7 +74,7 @@ def canonical_sensitivities(
 
     Everything is pulled back through the steady state at once.
     """
-    vibrates = has_inertias(drive)
+    vibrates = count > 0 and has_inertias(drive)
 
     def states(numbers):
         steady = steady_state(*numbers, throw=False)

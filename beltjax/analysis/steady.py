@@ -15,6 +15,7 @@ from beltjax.analysis.reference import (
 from beltjax.drive.canonical import canonical
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.groups import Groups, Scales, groups_and_scales
+from beltjax.drive.readable import Readable
 from beltjax.drive.usable import harmless, usable
 from beltjax.numerics.compilation import boundary_jit, usual_promotion
 from beltjax.physics import steady as physics
@@ -87,7 +88,7 @@ class Linear(Exact):
         return physics.linear(model)
 
 
-class SteadyState(eqx.Module):
+class SteadyState(Readable):
     """Steady shape and tensions of a running drive.
 
     `tension_change` is in P0, the tension at rest without torques (`reference.base_tension`).

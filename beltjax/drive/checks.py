@@ -11,12 +11,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from beltjax.drive.canonical import canonical_drive
 from beltjax.drive.components import Drive
 from beltjax.drive.layout import Layout, crossings, layout
 from beltjax.errors import FileError
 from beltjax.results import RESULTS, succeeded
 
-_LARGEST = {"radius": 5.0, "center": 50.0}  # [m]
+_MOST_APART = 1e8  # largest length over smallest radius: gaps and wraps keep eight digits
 
 
 class Clearances(NamedTuple):
@@ -72,26 +73,47 @@ class Fault(NamedTuple):
 
     key: str
     message: str
-    passed: int = 0  # checks before the one that found it
 
 
-def require_possible_layout(drives: list[Drive], path: object) -> Drive:
-    """The one of `drives`, equal but for the sense of their list, whose layout is possible.
+def require_possible_layout(drives: dict[str, Drive], listed: str | None, path: object) -> Drive:
+    """The one of `drives`, by the senses of their list and equal but for them, that is possible.
 
-    Raises `FileError` when none is, or when two are and the file must say which is meant.
-    Two pulleys alone are listed counterclockwise, since both senses give the same path.
+    Raises `FileError` when none is, when it is not the one that the file says is `listed`, or when
+    two are and the file must say which is meant. Two pulleys alone are listed counterclockwise,
+    since both senses give the same path.
     """
-    faults = [layout_fault(drive) for drive in drives]
-    possible = [drive for drive, fault in zip(drives, faults, strict=True) if fault is None]
-    if not possible:
-        # Where the sense is left open, the reading that comes closest tells most.
-        closest = max(filter(None, faults), key=lambda fault: fault.passed)
-        raise FileError(path, closest.key, closest.message)
-    if len(possible) > 1 and len(drives[0].pulleys) > 2:
-        raise FileError(
-            path, "listed", "both senses give a path; say 'counterclockwise' or 'clockwise'"
-        )
-    return possible[0]
+    sense = listed or _likely_sense(next(iter(drives.values())))
+    (other,) = drives.keys() - {sense}
+    fault = layout_fault(drives[sense])
+    if fault is None and (listed or len(drives[sense].pulleys) == 2):
+        return drives[sense]
+    other_fault = layout_fault(drives[other])
+    if fault is None and other_fault is None:
+        raise FileError(path, "listed", f"both senses give a path; say {sense!r} or {other!r}")
+    if fault is None:
+        return drives[sense]
+    if other_fault is not None:
+        raise FileError(path, fault.key, fault.message)
+    if listed:
+        message = f"found {listed!r}, in which {fault.message}; {other!r} gives a path"
+        raise FileError(path, "listed", message)
+    return drives[other]
+
+
+def _likely_sense(drive: Drive) -> str:
+    """The sense in which the polygon of the centers is gone round; counterclockwise if in none."""
+    centers = np.array([pulley.center for pulley in drive.pulleys])
+    after = np.roll(centers, -1, axis=0)
+    area = np.sum(centers[:, 0] * after[:, 1] - centers[:, 1] * after[:, 0])
+    return "clockwise" if area < 0 and len(centers) > 2 else "counterclockwise"
+
+
+def drawn_arm_angle(drive: Drive) -> float:
+    """Direction of the drawn arm [rad], from pivot to pulley; compiles nothing."""
+    assert drive.tensioner is not None
+    carried = next(pulley.center for pulley in drive.pulleys if float(pulley.on_arm))
+    x, y = np.asarray(carried) - np.asarray(drive.tensioner.pivot)
+    return float(np.arctan2(y, x))
 
 
 @jax.jit
@@ -102,12 +124,8 @@ def _survey(drive: Drive, arm_rotation) -> tuple[Layout, Clearances]:
 
 def layout_fault(drive: Drive, arm_rotation: float = 0.0) -> Fault | None:
     """What makes the layout impossible, with the arm turned by so much; None if nothing does."""
-    survey = jax.device_get(_survey(drive, arm_rotation))
-    for passed, find in enumerate(_CHECKS):
-        fault = find(drive, *survey)
-        if fault:
-            return fault._replace(passed=passed)
-    return None
+    survey = jax.device_get(_survey(canonical_drive(drive), arm_rotation))
+    return next(filter(None, (find(drive, *survey) for find in _CHECKS)), None)
 
 
 def _arm_fault(drive: Drive, at: Layout, gaps: Clearances) -> Fault | None:
@@ -117,15 +135,16 @@ def _arm_fault(drive: Drive, at: Layout, gaps: Clearances) -> Fault | None:
 
 
 def _out_of_proportion(drive: Drive, at: Layout, gaps: Clearances) -> Fault | None:
-    """Millimeters that were given as meters, mostly."""
-    for pulley, center in zip(drive.pulleys, at.centers, strict=True):
-        for key, size in (("radius", float(pulley.radius)), ("center", np.max(np.abs(center)))):
-            if not size < _LARGEST[key]:
-                return Fault(
-                    f"pulley.{pulley.name}.{key}",
-                    f"is out of all proportion ({size:g} m); a bare number is in meters, "
-                    f'millimeters are written "{size:g} mm"',
-                )
+    """What double precision cannot tell apart."""
+    radii = np.array([pulley.radius for pulley in drive.pulleys])
+    for key, sizes in (("center", np.max(np.abs(at.centers), axis=1)), ("radius", radii)):
+        i = int(np.argmax(sizes))
+        if not sizes[i] < _MOST_APART * np.min(radii):
+            return Fault(
+                f"pulley.{drive.pulley_names[i]}.{key}",
+                f"is out of all proportion, {sizes[i]:g} m beside a radius of {np.min(radii):g} m, "
+                "which double precision does not resolve; a bare number is in meters",
+            )
     if not np.isfinite(at.path_length):
         return Fault("pulley", "a center or radius is out of all proportion; give meters")
     return None
@@ -162,11 +181,32 @@ def _lost_contact(drive: Drive, at: Layout, gaps: Clearances) -> Fault | None:
     if at.result != RESULTS.contact_lost:
         return None
     i = int(np.argmin(at.wraps))
+    wrap = f"wrap {np.degrees(float(at.wraps[i])):.1f} deg"
+    missed = _missed_by(drive, at, i)
+    by = f"it misses it by {1e3 * missed:.3g} mm, {wrap}" if missed > 0 else wrap
     return Fault(
         f"pulley.{drive.pulley_names[i]}.center",
-        f"the belt does not touch this pulley (wrap {np.degrees(float(at.wraps[i])):.1f} deg); "
-        "move it into the belt or change its face",
+        f"the belt does not touch this pulley ({by}); move it into the belt or change its face",
     )
+
+
+def _missed_by(drive: Drive, at: Layout, i: int) -> float:
+    """Gap [m] between a pulley and the belt that would run past it; 0 where there is no such belt.
+
+    As the path itself is found, from the pulley before to the one after.
+    """
+    sense = float(drive.sense)
+    foot = np.array([float(pulley.face * pulley.radius) for pulley in drive.pulleys])
+    before, after = i - 1, (i + 1) % len(foot)
+    (across, up), rise = at.centers[after] - at.centers[before], foot[after] - foot[before]
+    square = across**2 + up**2
+    if not square > rise**2:
+        return 0.0
+    length = np.sqrt(square - rise**2)
+    along = np.array([length * across + sense * rise * up, length * up - sense * rise * across])
+    inward = sense * np.array([-along[1], along[0]]) / square
+    height = (at.centers[i] - at.centers[before]) @ inward + foot[before]
+    return float(np.sign(foot[i]) * (height - foot[i]))
 
 
 def _path_fault(drive: Drive, at: Layout, gaps: Clearances) -> Fault | None:

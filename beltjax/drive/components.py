@@ -1,7 +1,7 @@
 """The physical description of a drive in SI units: immutable pytrees whose leaves are numbers."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -9,6 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
+
+from beltjax.drive.readable import Readable
 
 SIDES = {"grooved": 1.0, "back": -1.0}
 SENSES = {"counterclockwise": 1.0, "clockwise": -1.0}
@@ -81,7 +83,7 @@ def require_shape(what: str, value: Array, shape: tuple[int, ...], meaning: str)
         raise ValueError(f"{what}: {meaning} has shape {shape}, not {value.shape}.")
 
 
-class Belt(eqx.Module):
+class Belt(Readable):
     """The belt: a uniform, extensible beam."""
 
     axial_stiffness: Float[Array, ""] = eqx.field(converter=as_real)  # EA [N]
@@ -90,8 +92,10 @@ class Belt(eqx.Module):
     thickness: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)  # [m]
 
 
-class Pulley(eqx.Module):
+class Pulley(Readable):
     """One pulley, in the plane of the drive."""
+
+    words: ClassVar = {"face": SIDES}
 
     name: str = eqx.field(static=True)
     center: Float[Array, "2"] = eqx.field(converter=as_real)  # [m], in the drawn layout
@@ -118,7 +122,7 @@ class Pulley(eqx.Module):
             )
 
 
-class Tensioner(eqx.Module):
+class Tensioner(Readable):
     """The spring-loaded arm that carries the pulley whose `on_arm` is set."""
 
     pivot: Float[Array, "2"] = eqx.field(converter=as_real)  # [m]
@@ -135,7 +139,7 @@ class Tensioner(eqx.Module):
             require_shape("Tensioner", self.stops, (2,), "stops (least, greatest)")
 
 
-class TensionGiven(eqx.Module):
+class TensionGiven(Readable):
     """The drawn layout is the torque-free state and `tension` its tension at rest.
 
     That is the tension in the middle of the free spans. `steady_state` takes the belt for a string
@@ -158,7 +162,7 @@ class TensionGiven(eqx.Module):
             raise ValueError(f"TensionGiven: tension_of {self.tension_of!r} is not one of {known}.")
 
 
-class BeltGiven(eqx.Module):
+class BeltGiven(Readable):
     """The belt and the free angle of the arm are held; arm angle and tensions follow."""
 
     belt_length: Float[Array, ""] = eqx.field(converter=as_real)  # unstretched [m]
@@ -179,13 +183,15 @@ def repeated_span(pulleys: Sequence[str]) -> str | None:
     return next((name for name in names if names.count(name) > 1), None)
 
 
-class Drive(eqx.Module):
+class Drive(Readable):
     """A belt drive. Pulleys are listed in the order in which they are met going round the loop.
 
     Every number is a leaf, so the gradient of anything with respect to a drive is a drive.
     Raises `ValueError` for what is wrong whatever the numbers: fewer than two pulleys, names
     that repeat, not exactly one driver, a tensioner without its pulley.
     """
+
+    words: ClassVar = {"sense": SENSES}
 
     belt: Belt
     pulleys: tuple[Pulley, ...] = eqx.field(converter=tuple)
@@ -281,7 +287,7 @@ class Drive(eqx.Module):
         return self.carried @ self.centers - self.tensioner.pivot
 
 
-class ExcitationGiven(eqx.Module):
+class ExcitationGiven(Readable):
     """What shakes the drive, by the drive file: the default of `beltjax response`.
 
     Amplitudes are zero to peak, at `order` times the driver's speed.
@@ -295,7 +301,7 @@ class ExcitationGiven(eqx.Module):
     )  # [N m], by name of pulley, in the direction of belt travel
 
 
-class OperatingPoint(eqx.Module):
+class OperatingPoint(Readable):
     """How the drive runs: its speed, and the torque each accessory takes from the belt.
 
     Give `belt_speed`, or `driver_speed` from which it follows. `mass_flow` replaces the
@@ -303,6 +309,8 @@ class OperatingPoint(eqx.Module):
     it counts for nothing, so that batches may mix which pulley drives (a drive file refuses it).
     `excitation` concerns forced vibration alone.
     """
+
+    words: ClassVar = {"travel": TRAVELS}
 
     belt_speed: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)  # [m/s]
     driver_speed: Float[Array, ""] | None = eqx.field(

@@ -6,7 +6,8 @@ from typing import Annotated, Any, Literal
 import jax
 import numpy as np
 import tomli_w
-from pydantic import Field
+from pydantic import BeforeValidator, Field
+from pydantic_core import PydanticCustomError
 
 from beltjax.drive.checks import require_possible_layout
 from beltjax.drive.components import (
@@ -34,13 +35,27 @@ from beltjax.drive.quantities import (
     Radian,
     Table,
     in_unit,
-    read_toml,
     validated,
 )
 from beltjax.errors import FileError
+from beltjax.reading import read_toml
 from beltjax.writing import write_whole
 
 Point = Annotated[list[Meter], Field(min_length=2, max_length=2)]
+_MOST_PULLEYS = 200  # compiling grows with their number: 100 take some 12 s, 300 some 40 s
+LARGEST_BARE_RADIUS = 5.0  # [m]; above it most bare numbers are millimeters
+
+
+def _with_its_unit(value: Any) -> Any:
+    """A radius, refused where it can hardly be meant in meters and does not say so."""
+    if type(value) in (int, float) and value > LARGEST_BARE_RADIUS:
+        lead = f'millimeters are written "{value:g} mm", and such large pulleys "{value:g} m"'
+        text = f"found {value:g}; a bare number is in meters, {lead}"
+        raise PydanticCustomError("unit", "{text}", {"text": text})
+    return value
+
+
+Radius = Annotated[float, in_unit("m"), BeforeValidator(_with_its_unit)]
 Inertia = Annotated[float, in_unit("kg m^2"), NotNegative]
 
 
@@ -58,11 +73,11 @@ class PulleyTable(Table):
 
     name: str
     center: Point
-    radius: Annotated[Meter, Positive]
+    radius: Annotated[Radius, Positive]
     inertia: Inertia | None = None
     face: Literal["grooved", "back"]
     friction: Annotated[Number, NotNegative] | None = None
-    rim_radius: Annotated[Meter, Positive] | None = None
+    rim_radius: Annotated[Radius, Positive] | None = None
     driver: bool = False
 
 
@@ -137,9 +152,8 @@ def load_drive(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint]:
     _require_installation(file, path)
     _require_operation(file, path)
     point = _operating_point(file)
-    senses = [file.listed] if file.listed else list(SENSES)
-    drives = [_drive(file, sense) for sense in senses]
-    return require_possible_layout(drives, path), point
+    drives = {sense: _drive(file, sense) for sense in SENSES}
+    return require_possible_layout(drives, file.listed, path), point
 
 
 def save_drive(path: str | os.PathLike[str], drive: Drive, point: OperatingPoint) -> None:
@@ -180,7 +194,11 @@ def drive_content(drive: Drive, point: OperatingPoint) -> dict[str, Any]:
 
 
 def _pulley_content(pulley: Pulley) -> dict[str, Any]:
-    content = {"name": pulley.name} | _numbers(pulley, skip=("name", "face", "driver", "on_arm"))
+    content: dict[str, Any] = {"name": pulley.name}
+    content |= _numbers(pulley, skip=("name", "face", "driver", "on_arm"))
+    for key in ("radius", "rim_radius"):
+        if content.get(key, 0.0) > LARGEST_BARE_RADIUS:
+            content[key] = f"{content[key]!r} m"
     content["face"] = _word(SIDES, pulley.face)
     return content | ({"driver": True} if float(pulley.driver) else {})
 
@@ -236,11 +254,13 @@ def _require_names(file: DriveTable, path: object) -> None:
     names = [pulley.name for pulley in file.pulley]
     if len(names) < 2:
         raise FileError(path, "pulley", f"found {len(names)}; a drive has at least two pulleys")
+    if len(names) > _MOST_PULLEYS:
+        message = f"found {len(names)}; a drive file has {_MOST_PULLEYS} at most, to be analyzed"
+        raise FileError(path, "pulley", f"{message} in half a minute: leave out or merge some")
     for i, name in enumerate(names):
-        if not name.strip() or any(mark in name for mark in ".:="):
-            raise FileError(
-                path, f"pulley[{i}].name", f"found {name!r}; a name is not empty, without . : ="
-            )
+        if not name.strip() or any(mark in name for mark in ".:=") or not name.isprintable():
+            message = f"found {name!r}; a name prints, is not empty, and is without . : ="
+            raise FileError(path, f"pulley[{i}].name", message)
         if name in names[:i]:
             raise FileError(path, f"pulley.{name}", "this name is used twice; rename one of them")
     repeated = repeated_span(names)

@@ -7,7 +7,6 @@ docs/theory/geometry.md, (G1) to (G6).
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,6 +14,7 @@ from jaxtyping import Array, Bool, Float
 
 from beltjax.drive.canonical import canonical_drive
 from beltjax.drive.components import Drive, as_real
+from beltjax.drive.readable import Readable
 from beltjax.numerics.compilation import boundary_jit
 from beltjax.results import (
     RESULTS,
@@ -24,7 +24,7 @@ from beltjax.results import (
 )
 
 
-class Layout(eqx.Module):
+class Layout(Readable):
     """Tangent points, spans and wraps of a drive, all [m] and [rad], in listed order.
 
     Span i runs from pulley i to the next in the list. `normals` point into the loop.

@@ -1,111 +1,32 @@
-"""Numbers with units, as they stand in files: SI numbers, or strings such as "90 mm"."""
+"""Tables of files whose numbers carry units, and one line for the first thing that is wrong."""
 
 import difflib
-import functools
-import math
-import os
-import re
-import tomllib
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 from pydantic_core import PydanticCustomError
 
+from beltjax.drive.units import shown, to_si
 from beltjax.errors import FileError
 
-_NUMBER_WITH_UNIT = re.compile(
-    r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\W\d_].*|[%°].*)?"
-)
-_STACKED_POWERS = re.compile(r"(\*\*|\^)[\s(+-]*[\d.]+[\s)]*(\*\*|\^)")  # would be computed
-# Words that make a unit one of angle. To a units library an angle has no dimension, so that
-# hertz, "1/min" and a bare number would all pass for angles and differ by 2 pi or 60.
-_ANGLE_UNITS = {
-    "radian",
-    "degree",
-    "turn",
-    "revolution",
-    "cycle",
-    "arcminute",
-    "arcsecond",
-    "grade",
+# Keys that others use, and what to give here.
+_FOREIGN_KEYS = {
+    "diameter": "give radius, half of it, to the neutral axis of the belt",
+    "pitch_diameter": "give radius, half of it",
+    "teeth": "give radius: teeth times pitch over 2 pi",
+    "x": "give center = [x, y]",
+    "y": "give center = [x, y]",
+    "position": "give center = [x, y]",
+    "rpm": 'give driver_speed = "... rpm"',
+    "speed": "give belt_speed, or driver_speed from which it follows",
+    "power": "give torque: power over the pulley's speed in rad/s",
+    "length": "give belt_length",
+    "width": "axial_stiffness, bending_stiffness and mass_per_length are those of the whole width",
+    "density": "give mass_per_length: density times cross section",
+    "modulus": "give axial_stiffness: modulus times cross section",
+    "youngs_modulus": "give axial_stiffness: modulus times cross section",
 }
-_ANGLE_UNITS |= {"revolutions_per_minute", "revolutions_per_second", "rpm", "rps", "milliradian"}
-
-
-@functools.cache
-def _units() -> Any:
-    import pint  # here, because most files are plain SI and a unit registry takes long to build
-
-    registry = pint.UnitRegistry()
-    for alias in ("Nm = newton * meter", "RPM = revolutions_per_minute", "rev = revolution"):
-        registry.define(alias)
-    return registry
-
-
-def to_si(value: Any, unit: str) -> float:
-    """`value`, an SI number or a string with its unit, in `unit`.
-
-    Raises `ValueError` with a text that says what was found and what is expected.
-    """
-    wanted = f"a number in {unit}" if unit else "a plain number"
-    if isinstance(value, str):
-        value = _parsed(value, unit)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"found {_shown(value)}; give {wanted}")
-    try:
-        number = float(value)
-    except OverflowError:
-        number = math.inf
-    if not math.isfinite(number):
-        raise ValueError(f"found {_shown(value)}, which is not finite; give {wanted}")
-    return number
-
-
-def _shown(value: Any) -> str:
-    """`value` as it is shown in a message, long ones cut."""
-    if isinstance(value, int) and abs(value) >= 10**30:
-        return "an integer of more than 30 digits"
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _parsed(text: str, unit: str) -> float:
-    example = f'a number in {unit}, or a string such as "1.0 {unit}"' if unit else "a plain number"
-    parts = _NUMBER_WITH_UNIT.fullmatch(text)
-    if not parts or _STACKED_POWERS.search(text):
-        raise ValueError(f"found {_shown(text)}, which is not a number with a unit; give {example}")
-    number, written = float(parts[1]), (parts[2] or "").strip()
-    if unit and not written:
-        raise ValueError(f"found {_shown(text)}, which has no unit; give {example}")
-    registry = _units()
-    try:
-        quantity = registry.Quantity(number, registry.Unit(written))
-        converted = float(quantity.to(unit or "dimensionless").magnitude)
-    except registry_errors() as error:
-        unfit = f"whose unit is not {unit}" if unit else "which is a pure number"
-        raise ValueError(f"found {_shown(text)}, {unfit}; give {example}") from error
-    if unit.startswith("rad") and not _ANGLE_UNITS & set(dict(quantity.unit_items())):
-        raise ValueError(
-            f"found {_shown(text)}, whose unit is no angle; give rad, deg, rad/s or rpm"
-        )
-    return converted
-
-
-def registry_errors() -> tuple[type[Exception], ...]:
-    """What the units library raises for a unit that does not exist or does not fit."""
-    import pint
-
-    # Its parser passes on whatever Python's tokenizer and arithmetic raise.
-    return (
-        pint.errors.PintError,
-        AttributeError,
-        TypeError,
-        ValueError,
-        ArithmeticError,
-        SyntaxError,
-    )
 
 
 def in_unit(unit: str) -> BeforeValidator:
@@ -138,19 +59,6 @@ class Table(BaseModel):
 TableType = TypeVar("TableType", bound=Table)
 
 
-def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
-    """The content of a TOML file; raises `FileError`."""
-    try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise FileError(path, "", f"cannot be read ({reason}); give a TOML file") from error
-    except UnicodeDecodeError as error:
-        raise FileError(path, "", "is not UTF-8 text; give a TOML file") from error
-    except (ValueError, RecursionError) as error:  # TOMLDecodeError is a ValueError
-        raise FileError(path, "", f"is not TOML: {error}; correct that line") from error
-
-
 def validated(table: type[TableType], content: dict[str, Any], path: object) -> TableType:
     """`content` as a `table`; raises `FileError` for the first thing that is wrong with it."""
     try:
@@ -164,10 +72,13 @@ def validated(table: type[TableType], content: dict[str, Any], path: object) -> 
         raise FileError(path, key, _message(first, table) + more) from failure
 
 
-def _key(location: Iterable[int | str], content: Any) -> str:
+def _key(location: Iterable[Any], content: Any) -> str:
     """'pulley.accessory.radius' for ('pulley', 2, 'radius'): items go by their names."""
     words: list[str] = []
     for step in location:
+        # Where several types are allowed the library adds which one it tried.
+        if not isinstance(content, dict | list) or str(step).endswith("Table"):
+            continue
         try:
             content = content[step]
         except (KeyError, IndexError, TypeError):
@@ -188,22 +99,23 @@ def _message(error: Any, table: type[Table]) -> str:
         return "is missing; add it"
     if kind == "extra_forbidden":
         word = str(error["loc"][-1])
+        if word in _FOREIGN_KEYS and word not in _all_keys(table):
+            return f"is not a known key; {_FOREIGN_KEYS[word]}"
         close = difflib.get_close_matches(word, sorted(_all_keys(table)), n=1)
         return "is not a known key; " + (f"did you mean {close[0]!r}?" if close else "remove it")
     if kind == "greater_than":
-        return f"found {_shown(found)}; must be greater than {error['ctx']['gt']:g}"
+        return f"found {shown(found)}; must be greater than {error['ctx']['gt']:g}"
     if kind == "greater_than_equal":
-        return f"found {_shown(found)}; must not be less than {error['ctx']['ge']:g}"
+        return f"found {shown(found)}; must not be less than {error['ctx']['ge']:g}"
     if kind == "unit":
         return error["msg"]
     if kind in ("too_long", "too_short"):
         wanted = error["ctx"].get("max_length", error["ctx"].get("min_length"))
         return f"found {len(found)} items; give {wanted}"
     if kind in ("model_type", "dict_type"):
-        return f"found {_shown(found)}; give a table"
+        return f"found {shown(found)}; give a table"
     text = error["msg"].removeprefix("Input should be ")
-    shown = _shown(found) if not isinstance(found, dict | list) else f"a {type(found).__name__}"
-    return f"found {shown}; give {text}"
+    return f"found {shown(found)}; give {text}"
 
 
 def _all_keys(table: type[Table]) -> set[str]:

@@ -10,32 +10,10 @@ from jaxtyping import Array, Float
 
 from beltjax.drive.components import BeltGiven, Drive
 from beltjax.drive.layout import turned
+from beltjax.drive.readable import UNITS
 
 ANGLE, ARM_LENGTH = "tensioner.angle", "tensioner.arm_length"
 _CENTER = {"x": 0, "y": 1}
-
-# SI unit of each number, by the last word of its name.
-_UNITS = {
-    "radius": "m",
-    "x": "m",
-    "y": "m",
-    "angle": "rad",
-    "arm_length": "m",
-    "stiffness": "N m/rad",
-    "tension": "N",
-    "belt_length": "m",
-    "free_angle": "rad",
-    "axial_stiffness": "N",
-    "bending_stiffness": "N m^2",
-    "mass_per_length": "kg/m",
-    "thickness": "m",
-    "inertia": "kg m^2",
-    "friction": "",
-    "rim_radius": "m",
-    "damping": "N m s/rad",
-    "belt_speed": "m/s",
-    "driver_speed": "rad/s",
-}
 
 
 def variable_names(drive: Drive) -> list[str]:
@@ -56,7 +34,7 @@ def variable_names(drive: Drive) -> list[str]:
 
 def unit_of(name: str) -> str:
     """SI unit of a design variable, or of another number of a drive file but a torque."""
-    return _UNITS[name.rsplit(".", 1)[1]]
+    return UNITS[name.rsplit(".", 1)[1]]
 
 
 def value_of(drive: Drive, name: str) -> Float[Array, ""]:

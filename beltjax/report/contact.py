@@ -9,7 +9,7 @@ from rich.markup import escape
 from beltjax.analysis.contact import ContactState
 from beltjax.drive.components import BeltGiven, Drive, OperatingPoint
 from beltjax.drive.layout import layout
-from beltjax.report.diagnosis import Diagnosis, speed_key
+from beltjax.report.diagnosis import Diagnosis, speed_key, travel_lead
 from beltjax.report.documents import plain
 from beltjax.report.tables import number, plain_table
 from beltjax.results import RESULTS, explanation, succeeded
@@ -133,7 +133,15 @@ def diagnose_contact(drive: Drive, point: OperatingPoint, state: ContactState) -
     if succeeded(result):
         return None
     key, found = _cause(drive, point, state)
-    return Diagnosis(key, found + explanation(result), bool(result == RESULTS.no_torque_to_scale))
+    message = found + explanation(result)
+    if any(result == one for one in _OF_TRAVEL):
+        lead = travel_lead(drive, point)
+        message += lead and f" ({lead})"
+    return Diagnosis(key, message, bool(result == RESULTS.no_torque_to_scale))
+
+
+# What a torque against the sense that is meant ends in.
+_OF_TRAVEL = RESULTS.contact_pressure_lost, RESULTS.contact_not_found, RESULTS.span_slack
 
 
 def _cause(drive: Drive, point: OperatingPoint, state: ContactState) -> tuple[str, str]:

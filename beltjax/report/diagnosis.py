@@ -1,18 +1,23 @@
 """Why an analysis failed, in the words of the drive file: which key, what was found, what to do."""
 
+import dataclasses
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from beltjax.analysis.reference import LARGEST_STRAIN
-from beltjax.analysis.steady import SteadyState
-from beltjax.drive.checks import layout_fault
+from beltjax.analysis.steady import SteadyState, steady_state
+from beltjax.drive.canonical import canonical
+from beltjax.drive.checks import drawn_arm_angle, layout_fault
 from beltjax.drive.components import BeltGiven, Drive, OperatingPoint
 from beltjax.drive.layout import layout
+from beltjax.numerics.compilation import quickly_compiled
 from beltjax.results import RESULTS, explanation, succeeded
 
+_ROOM = 0.01  # of the path, by which a belt that resists bending may be longer and yet tight
 _SWEEP = 1.0  # the arm is looked at this far to either side of where it is drawn [rad]
 
 
@@ -30,12 +35,21 @@ def diagnose(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagno
     The layout at rest is checked as the drawn one was: torques, or a belt that is given, may
     have turned the arm into another pulley.
     """
-    result = steady.result
-    if succeeded(result):
+    if succeeded(steady.result):
         return _moved_layout_diagnosis(drive, steady)
-    if isinstance(drive.installation, BeltGiven) and _one_of(
-        result, RESULTS.belt_too_long, RESULTS.belt_too_short, RESULTS.belt_does_not_fit
-    ):
+    turned = _turn_off(drive, point, steady.result)
+    if turned is not None:
+        return turned
+    found = _failure(drive, point, steady)
+    if not _one_of(steady.result, *_OF_TRAVEL):
+        return found
+    lead = travel_lead(drive, point)
+    return found if not lead else found._replace(message=f"{found.message}; {lead}")
+
+
+def _failure(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagnosis:
+    result = steady.result
+    if isinstance(drive.installation, BeltGiven) and _one_of(result, *_UNFIT):
         return _belt_diagnosis(drive, drive.installation)
     if result == RESULTS.span_slack:
         return _slack_diagnosis(drive, point, steady)
@@ -43,7 +57,7 @@ def diagnose(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagno
         angle = np.degrees(float(steady.reference.layout.arm_angle))
         return Diagnosis(
             "tensioner.stops",
-            f"the arm would stand at {angle:.1f} deg: {explanation(result)}",
+            f"the arm would stand at {angle:.1f} deg: {explanation(result).rstrip('.')}",
             False,
         )
     if result == RESULTS.belt_overstretched:
@@ -53,14 +67,60 @@ def diagnose(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagno
     return Diagnosis(key, explanation(result), False)
 
 
+_UNFIT = RESULTS.belt_too_long, RESULTS.belt_too_short, RESULTS.belt_does_not_fit
+
+
+# What a torque against the sense that is meant ends in.
+_OF_TRAVEL = RESULTS.span_slack, RESULTS.belt_does_not_fit, RESULTS.arm_at_stop
+
+
+def _turn_off(drive: Drive, point: OperatingPoint, result: RESULTS) -> Diagnosis | None:
+    """Says so where a free angle does not fit, and one that is a whole turn away does."""
+    rule = drive.installation
+    if not isinstance(rule, BeltGiven) or rule.free_angle is None:
+        return None
+    if not _one_of(result, *_UNFIT, RESULTS.arm_at_stop, RESULTS.span_slack):
+        return None
+    for turns in (-1, 1):
+        angle = rule.free_angle + 2 * np.pi * turns
+        other = eqx.tree_at(lambda d: d.installation.free_angle, drive, angle)
+        if _runs(other, point):
+            given, fits, drawn = np.degrees(
+                [float(rule.free_angle), float(angle), drawn_arm_angle(drive)]
+            )
+            return Diagnosis(
+                "installation.free_angle",
+                f"found {given:.6g} deg, which is read as it stands, from the drawn arm at "
+                f"{drawn:.6g} deg; {fits:.6g} deg, one turn away, fits: give that",
+                True,
+            )
+    return None
+
+
+def travel_lead(drive: Drive, point: OperatingPoint) -> str:
+    """Says so where the drive runs in the other sense of travel, and not in this one."""
+    if not any(float(torque) for torque in point.torque.values()):
+        return ""
+    against = dataclasses.replace(point, travel=-point.travel)
+    if _runs(drive, point) or not _runs(drive, against):
+        return ""
+    other = "opposite" if float(point.travel) > 0 else "listed"
+    return f"or is operation.travel = {other!r} meant? In that sense the drive runs"
+
+
+def _runs(drive: Drive, point: OperatingPoint) -> bool:
+    steady = quickly_compiled(_steady)(*canonical(drive, point))
+    return bool(succeeded(steady.result))
+
+
+def _steady(drive: Drive, point: OperatingPoint) -> SteadyState:
+    return steady_state(drive, point, throw=False)
+
+
 def _moved_layout_diagnosis(drive: Drive, steady: SteadyState) -> Diagnosis | None:
     if drive.tensioner is None:
         return None
-    # In NumPy: JAX would compile each operation.
-    carried = next(pulley.center for pulley in drive.pulleys if float(pulley.on_arm))
-    x, y = np.asarray(carried) - np.asarray(drive.tensioner.pivot)
-    drawn = float(np.arctan2(y, x))
-    turn = float(steady.reference.layout.arm_angle) - drawn
+    turn = float(steady.reference.layout.arm_angle) - drawn_arm_angle(drive)
     fault = layout_fault(drive, turn)
     if fault is None:
         return None
@@ -77,7 +137,7 @@ def _belt_diagnosis(drive: Drive, rule: BeltGiven) -> Diagnosis:
     paths = jax.vmap(lambda turn: layout(drive, turn, throw=False).path_length)(turns)
     shortest, longest = float(jnp.min(paths)), float(jnp.max(paths))
     found = float(rule.belt_length)
-    reach = f"{shortest:.4f} m" if len(turns) == 1 else f"{shortest:.4f} to {longest:.4f} m"
+    length, *path = _told_apart(found, shortest, *([longest] if len(turns) > 1 else []))
     too = (
         "too short"
         if found < shortest
@@ -86,11 +146,24 @@ def _belt_diagnosis(drive: Drive, rule: BeltGiven) -> Diagnosis:
         else "not held by free_angle"
     )
     remedy = "change belt_length or free_angle" if len(turns) > 1 else "change belt_length"
+    stiff = float(drive.belt.bending_stiffness) > 0
+    if stiff and longest < found < (1 + _ROOM) * longest:
+        remedy += "; that is for a string: `beltjax contact` tells whether a stiff belt is tight"
     return Diagnosis(
         "installation.belt_length",
-        f"found {found:.4f} m, {too}: the path takes {reach}; {remedy}",
+        f"found {length} m, {too}: the path takes {' to '.join(path)} m; {remedy}",
         True,
     )
+
+
+def _told_apart(*lengths: float) -> list[str]:
+    """Lengths [m] with so many decimals, four at least, that none looks like another."""
+    texts: list[str] = []
+    for decimals in range(4, 16):
+        texts = [f"{length:.{decimals}f}" for length in lengths]
+        if len(set(texts)) == len(set(lengths)):
+            break
+    return texts
 
 
 def _strain_diagnosis(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagnosis:

@@ -2,7 +2,6 @@
 
 import json
 import math
-import os
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,11 +10,11 @@ import numpy as np
 from beltjax.analysis.modes import Modes
 from beltjax.analysis.sensitivity import Sensitivities, named_numbers
 from beltjax.analysis.steady import SteadyState
+from beltjax.drive.checks import drawn_arm_angle
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.report.schema import VERSION
 from beltjax.report.warnings import steady_warnings
 from beltjax.results import RESULTS, succeeded
-from beltjax.writing import write_whole
 
 
 def analysis_document(drive: Drive, found: Sensitivities) -> dict[str, Any]:
@@ -61,11 +60,13 @@ def _layout(drive: Drive, steady: SteadyState) -> dict[str, Any]:
 
 def _reference(drive: Drive, steady: SteadyState, rested: bool) -> dict[str, Any]:
     reference = steady.reference
+    angle = reference.arm_angle
     effective = rested and drive.tensioner is not None
     return {
         "tensions": plain(reference.tensions),
         "unstretched_length": plain(reference.unstretched_length),
         "arm_angle": plain(reference.arm_angle),
+        "arm_turn": None if angle is None else plain(angle - drawn_arm_angle(drive)),  # from drawn
         "free_angle": plain(reference.free_angle),
         "tensioner_effectiveness": plain(steady.effectiveness) if effective else None,
     }
@@ -215,9 +216,9 @@ def complete(document: dict[str, Any]) -> dict[str, Any]:
     return {"schema": VERSION, "warnings": []} | document
 
 
-def write_json(document: dict[str, Any], path: str | os.PathLike[str]) -> None:
-    """Write one JSON object in one move: the file is complete or absent."""
-    write_whole(path, (json_text(document) + "\n").encode())
+def json_bytes(document: dict[str, Any]) -> bytes:
+    """A JSON file of one object."""
+    return (json_text(document) + "\n").encode()
 
 
 def json_text(document: dict[str, Any]) -> str:

@@ -2,11 +2,9 @@
 
 import dataclasses
 import importlib
-import json
 import math
 import os
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
@@ -17,8 +15,10 @@ from beltjax.analysis.sensitivity import canonical_sensitivities, in_names_of
 from beltjax.drive.canonical import canonical
 from beltjax.drive.components import Drive
 from beltjax.drive.files import drive_bytes, load_drive
+from beltjax.drive.units import shown
 from beltjax.errors import FileError
 from beltjax.numerics.bases import Legendre
+from beltjax.reading import read_json
 from beltjax.report.diagnosis import diagnose
 from beltjax.report.documents import (
     analysis_document,
@@ -29,11 +29,14 @@ from beltjax.report.documents import (
 )
 from beltjax.report.programs import run_kept
 from beltjax.report.tables import analysis_tables, design_tables
+from beltjax.report.warnings import modes_left_out
 from beltjax.results import RESULTS, explanation
 
 MODES = 8
 _RUN = "give the JSON of a run of this study"
-BASIS = Legendre(40)  # frequencies to 1e-6 for any bending stiffness, and mostly to 1e-10
+MOST_VIBRATING = 40  # pulleys; the work for modes grows with the cube of their number
+_FUNCTIONS = 40  # a span: frequencies to 1e-6 for any bending stiffness, and mostly to 1e-10
+_COORDINATES = 500  # of all spans, whose modes are found in some seconds
 
 
 class Report(NamedTuple):
@@ -53,14 +56,21 @@ def analysis_job(path: str | os.PathLike[str], figure: str | None = None) -> Rep
     drive, point = load_drive(path)
     if figure:
         require_inertias(drive, path, "modes to draw need")
+        require_few_pulleys(drive, path, "modes to draw")
     numbers = canonical(drive, point)
-    found = jax.device_get(run_kept(canonical_sensitivities, *numbers, MODES, BASIS))
+    pulleys = len(drive.pulleys)
+    few = pulleys <= MOST_VIBRATING
+    basis = Legendre(min(_FUNCTIONS, max(_COORDINATES // pulleys, 1)))
+    asked = (MODES if few else 0), basis
+    found = jax.device_get(run_kept(canonical_sensitivities, *numbers, *asked))
     found = in_names_of(drive, point, found)
     why = diagnose(drive, point, found.steady)
     if why and why.impossible:
         raise FileError(path, why.key, why.message)
     failure = str(FileError(path, why.key, why.message)) if why else ""
-    document = analysis_document(drive, found) | {"success": not failure}
+    document: dict[str, Any] = analysis_document(drive, found) | {"success": not failure}
+    if has_inertias(drive) and not few:
+        document["warnings"].append(modes_left_out(drive, MOST_VIBRATING))
     tables = analysis_tables(document, plain_numbers(drive, point))
     files: tuple[tuple[str, bytes], ...] = ()
     if figure and found.modes and not failure:
@@ -78,10 +88,17 @@ def require_inertias(drive: Drive, path: str | os.PathLike[str], what: str) -> N
         raise FileError(path, key, f"is missing; {what} the inertia of every pulley and of the arm")
 
 
+def require_few_pulleys(drive: Drive, path: str | os.PathLike[str], what: str) -> None:
+    """Raise `FileError` where a drive has more pulleys than `what` can be found for."""
+    if len(drive.pulleys) > MOST_VIBRATING:
+        message = f"found {len(drive.pulleys)}; {what} are found for {MOST_VIBRATING} at most"
+        raise FileError(path, "pulley", message)
+
+
 class StudyRequest(NamedTuple):
     """What `beltjax optimize` was given beside the study; None: nothing, or the study's."""
 
-    figure: str
+    figure: str | None = None
     drive: str | None = None  # where to write the optimized drive
     page: str | None = None  # where to write the HTML report
     method: str | None = None
@@ -95,14 +112,12 @@ def study_job(
     given: StudyRequest,
     advance: Callable[[str, int, int | None], None],
 ) -> Report:
-    """Run one study, with the picture of the layout and what else was asked for.
+    """Run one study, with the files that were asked for.
 
     Raises `FileError` for a study that cannot be posed; a study without a solution is a report
     whose `failure` says which limit is missed and by how much.
     """
-    # Both are slow to load, and `analyze` needs neither.
-    optimize = importlib.import_module("beltjax.optimize")
-    figures = importlib.import_module("beltjax.report.figures")
+    optimize = importlib.import_module("beltjax.optimize")  # slow to load; `analyze` needs none
     study = _changed(optimize.load_study(path), given)
     warm = () if given.warm is None else (_warm_start(given.warm, study.variables.names),)
     if study.choices:
@@ -117,12 +132,15 @@ def study_job(
         name: (float(optimize.value_of(study.drive, name)), optimize.unit_of(name))
         for name in design.values
     }
-    picture = figures.before_and_after(
-        (study.drive, design.before.reference.layout),
-        (design.drive, design.steady.reference.layout),
-        f"{study.drive.name}: objective {_text(design.initial)} to {_text(design.final)}",
-    )
-    files = [(given.figure, figures.picture_bytes(picture, given.figure))]
+    files = []
+    if given.figure:
+        figures = importlib.import_module("beltjax.report.figures")
+        picture = figures.before_and_after(
+            (study.drive, design.before.reference.layout),
+            (design.drive, design.steady.reference.layout),
+            f"{study.drive.name}: objective {_text(design.initial)} to {_text(design.final)}",
+        )
+        files.append((given.figure, figures.picture_bytes(picture, given.figure)))
     if given.drive and design.success:
         files.append((given.drive, drive_bytes(design.drive, study.point)))
     if given.page:
@@ -149,16 +167,7 @@ def _changed(study: Any, given: StudyRequest) -> Any:
 
 def _warm_start(path: str, names: tuple[str, ...]) -> dict[str, float]:
     """The design of an earlier run's JSON; raises `FileError` where there is none."""
-    try:
-        if os.path.exists(path) and not os.path.isfile(path):
-            raise FileError(path, "", f"is no file; {_RUN}")
-        text = Path(path).read_bytes()
-    except OSError as error:
-        raise FileError(path, "", f"cannot be read ({error.strerror})") from error
-    try:
-        document = json.loads(text)
-    except (ValueError, RecursionError) as error:  # nested without end, numbers of 5000 digits
-        raise FileError(path, "", f"is no JSON ({_cause(error)}); {_RUN}") from error
+    document = read_json(path, _RUN)
     design = document.get("design") if isinstance(document, dict) else None
     if not isinstance(design, dict):
         raise FileError(path, "design", f"is missing; {_RUN}")
@@ -171,20 +180,11 @@ def _finite(path: str, name: str, value: Any) -> float:
     except OverflowError:
         number = math.inf
     if not math.isfinite(number):
-        message = f"found {_short(value)} for {name!r}, no finite number; {_RUN}"
+        message = f"found {shown(value)} for {name!r}, no finite number; {_RUN}"
         if value is None:
             message = f"has no number for {name!r}; {_RUN}"
         raise FileError(path, "design", message)
     return number
-
-
-def _short(value: Any) -> str:
-    text = str(value)
-    return text if len(text) <= 40 else text[:37] + "..."
-
-
-def _cause(error: Exception) -> str:
-    return "nested too deep" if isinstance(error, RecursionError) else str(error)
 
 
 def _text(objective: float | None) -> str:

@@ -29,7 +29,7 @@ from beltjax.numerics.compilation import (
     quickly_compiled,
 )
 from beltjax.numerics.fusion import with_bounded_fusion
-from beltjax.writing import write_whole
+from beltjax.writing import made_private, write_whole
 
 _KEPT = "jax_persistent_cache_min_compile_time_secs"
 
@@ -37,11 +37,12 @@ _KEPT = "jax_persistent_cache_min_compile_time_secs"
 def run_kept(function: Callable, *args: Any) -> Any:
     """`function(*args)` for arguments of arrays and static parts, its program kept for next time.
 
-    Without a cache directory, and elsewhere than on a CPU, it is simply compiled and run; a
-    cache that cannot be written costs only time.
+    Without a cache directory that is the user's own, and elsewhere than on a CPU, it is simply
+    compiled and run.
     """
     folder = jax.config.values["jax_compilation_cache_dir"]
-    if folder is None or jax.default_backend() != "cpu":
+    # Reading a kept program runs what is written in it.
+    if folder is None or jax.default_backend() != "cpu" or not made_private(folder):
         return quickly_compiled(function)(*args)
     call = flat_call(function, *args)
     path = Path(folder) / f"{_key(function, args)}.program"
@@ -74,7 +75,7 @@ def _key(function: Callable, args: Any) -> str:
     arrays, static = eqx.partition(args, eqx.is_array)
     shapes = [(leaf.shape, str(leaf.dtype)) for leaf in jax.tree.leaves(arrays)]
     parts = (jax.__version__, jaxlib.version.__version__, os.environ.get("XLA_FLAGS"), _processor())
-    parts += (function.__qualname__, shapes, jax.tree.structure(arrays), static)
+    parts += (function.__qualname__, shapes, jax.tree.structure(arrays), eqx.tree_pformat(static))
     digest.update(repr(parts).encode())
     return digest.hexdigest()[:40]
 
@@ -110,7 +111,6 @@ def _load_lapack() -> None:
 def _write(path: Path, program: jax.stages.Compiled, form: Form) -> None:
     content, _, _ = serialize_executable.serialize(program)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         write_whole(path, zlib.compress(pickle.dumps((content, form)), level=1))
     except OSError:
-        return  # a full or read-only disk costs the next run its time, nothing else
+        return  # a full disk costs the next run its time, nothing else

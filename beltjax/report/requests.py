@@ -6,7 +6,7 @@ from typing import TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from beltjax.drive.quantities import to_si
+from beltjax.drive.units import si_of_text
 from beltjax.errors import FileError
 
 Value = TypeVar("Value")
@@ -30,9 +30,10 @@ def read_range(text: str, unit: str, fewest: int = 2) -> Float[np.ndarray, " poi
     if len(parts) != 3:
         raise ValueError(f"found {text!r}; give FROM:TO:POINTS, such as 0:60:121")
     lower, upper = _ends(text, parts[:2], unit)
-    if not parts[2].strip().isdecimal():
+    count = parts[2].strip()
+    if not (count.isascii() and count.isdecimal() and len(count) < 20):
         raise ValueError(f"found {parts[2]!r} points in {text!r}; give a whole number")
-    points = int(parts[2])
+    points = int(count)
     if not fewest <= points <= _MOST_POINTS:
         raise ValueError(f"found {points} points in {text!r}; give {fewest} to {_MOST_POINTS}")
     return np.linspace(lower, upper, points)
@@ -47,7 +48,7 @@ def read_interval(text: str, unit: str) -> tuple[float, float]:
 
 
 def _ends(text: str, parts: list[str], unit: str) -> tuple[float, float]:
-    lower, upper = (to_si(_number(part), unit) for part in parts)
+    lower, upper = (si_of_text(part, unit) for part in parts)
     if not lower < upper:
         raise ValueError(f"found {text!r}; give a range that ends above where it begins")
     return lower, upper
@@ -63,7 +64,7 @@ def read_named(text: str, example: str) -> tuple[str, str]:
 
 def read_amplitude(text: str, unit: str) -> float:
     """An amplitude [SI], zero to peak; its sign would be a phase."""
-    amplitude = to_si(_number(text), unit)
+    amplitude = si_of_text(text, unit)
     if amplitude < 0:
         raise ValueError(f"found {text!r}; an amplitude is not negative")
     return amplitude
@@ -71,7 +72,7 @@ def read_amplitude(text: str, unit: str) -> float:
 
 def read_size(text: str, unit: str) -> float:
     """The size of a tolerance [SI]."""
-    size = to_si(_number(text), unit)
+    size = si_of_text(text, unit)
     if not size > 0:
         raise ValueError(f"found {text!r}; a tolerance is positive")
     return size
@@ -79,15 +80,7 @@ def read_size(text: str, unit: str) -> float:
 
 def read_orders(text: str) -> tuple[float, ...]:
     """Orders of excitation, "2,4"."""
-    orders = tuple(to_si(_number(part), "") for part in text.split(","))
+    orders = tuple(si_of_text(part, "") for part in text.split(","))
     if not all(order > 0 for order in orders):
         raise ValueError(f"found {text!r}; give positive orders, such as 2,4")
     return orders
-
-
-def _number(text: str) -> float | str:
-    """A bare number is SI; anything else carries its unit."""
-    try:
-        return float(text)
-    except ValueError:
-        return text.strip()

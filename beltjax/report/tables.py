@@ -23,7 +23,8 @@ def analysis_tables(document: dict[str, Any], sizes: dict[str, Any]) -> Group:
     if document["modes"]:
         parts.append(_mode_table(document["modes"]))
     if document["sensitivities"]:
-        parts.append(_sensitivity_table(document["sensitivities"]["coupling_total"], sizes))
+        slopes = _gamma_table(document["sensitivities"]["coupling_total"], sizes)
+        parts.append(slopes if slopes.row_count else Text(_gamma_is_zero(sizes)))
     return Group(*parts)
 
 
@@ -62,11 +63,15 @@ def _summary_table(document: dict[str, Any]) -> Table:
     table = plain_table("", "quantity", "value", "unit")
     layout, reference = document["layout"], document["reference"] or {}
     groups, steady = document["groups"] or {}, document["steady"] or {}
+    # A drive without a tensioner has no arm that could turn.
+    has_arm = reference.get("arm_turn") is not None
+    running = steady.get("arm_rotation") if has_arm else None
     rows = [
         ("coupling Gamma, all spans", steady.get("coupling_total"), 4, ""),
         ("tensioner effectiveness eta", reference.get("tensioner_effectiveness"), 4, ""),
         ("tension change T", steady.get("tension_change"), 6, "P0"),
-        ("arm rotation theta_t", steady.get("arm_rotation"), 6, "rad"),
+        ("arm's turn, drawn to rest", reference.get("arm_turn"), 6, "rad"),
+        ("arm rotation theta_t, rest to running", running, 6, "rad"),
         ("belt length, unstretched", reference.get("unstretched_length"), 6, "m"),
         ("path length", layout["path_length"], 6, "m"),
         ("bending eps", groups.get("bending"), 5, ""),
@@ -88,7 +93,7 @@ def _mode_table(modes: dict[str, Any]) -> Table:
     return table
 
 
-def _sensitivity_table(slopes: dict[str, Any], sizes: dict[str, Any]) -> Table:
+def _gamma_table(slopes: dict[str, Any], sizes: dict[str, Any]) -> Table:
     table = plain_table(
         "What moves Gamma most, per 1 % of each number",
         "number",
@@ -99,6 +104,16 @@ def _sensitivity_table(slopes: dict[str, Any], sizes: dict[str, Any]) -> Table:
     for name, change, slope in largest_changes(parts)[:_LARGEST_SENSITIVITIES]:
         table.add_row(escape(name), f"{change:+.3e}", f"{slope:+.4g}")
     return table
+
+
+def _gamma_is_zero(sizes: dict[str, Any]) -> str:
+    """Why nothing moves Gamma."""
+    if sizes["belt.bending_stiffness"] == 0:
+        return (
+            "Nothing moves Gamma: the spans of a belt without bending stiffness are straight, and "
+            "it is zero (belt.bending_stiffness = 0)."
+        )
+    return "Nothing moves Gamma: all its derivatives are zero."
 
 
 def largest_changes(parts: Iterable[tuple[str, float, float]]) -> list[tuple[str, float, float]]:

@@ -18,7 +18,7 @@ from beltjax.drive.files import load_drive
 from beltjax.drive.numbers import require_number, unit_of_number
 from beltjax.errors import FileError
 from beltjax.numerics.compilation import in_chunks, quickly_compiled
-from beltjax.report.jobs import Report, require_inertias
+from beltjax.report.jobs import Report, require_few_pulleys, require_inertias
 from beltjax.report.requests import asked, read_amplitude, read_named, read_orders, read_range
 from beltjax.report.vibration import (
     response_curves,
@@ -166,6 +166,7 @@ def _response(drive, point, speeds, excitation, order, damping) -> Response:
 def _vibrating(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint]:
     drive, point = load_drive(path)
     require_inertias(drive, path, "vibration needs")
+    require_few_pulleys(drive, path, "modes and responses")
     return drive, point
 
 

@@ -50,6 +50,15 @@ def _stiff_belts(drive: Drive, ratios: np.ndarray) -> Warnings:
     return [{"code": "belt_stiff_on_pulley", "text": text}]
 
 
+def modes_left_out(drive: Drive, most: int) -> dict[str, str]:
+    """That a drive has more pulleys than modes are found for."""
+    text = (
+        f"modes are left out: they are found for {most} pulleys at most, and there are "
+        f"{len(drive.pulleys)}"
+    )
+    return {"code": "modes_left_out", "text": text}
+
+
 def response_warnings(drive: Drive, found: Response) -> Warnings:
     """Stiff belts, and which spans would go slack under which part of the excitation."""
     good = successes(found.result)

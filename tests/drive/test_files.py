@@ -86,15 +86,15 @@ BAD = {
     "wrong unit": (swap("radius = 0.0889", 'radius = "89 kg"'), "pulley.crankshaft.radius", "'89 kg', whose unit is not m"),
     "no unit": (swap("radius = 0.0889", 'radius = "89"'), "pulley.crankshaft.radius", "no unit"),
     "nonsense unit": (swap("radius = 0.0889", 'radius = "9 foo"'), "pulley.crankshaft.radius", "'9 foo', whose unit is not m"),
-    "hertz": (swap("belt_speed = 20.0", 'driver_speed = "12 Hz"'), "operation.driver_speed", "no angle; give .* rpm"),
-    "hertz in disguise": (swap("belt_speed = 20.0", 'driver_speed = "900 /min"'), "operation.driver_speed", "give"),
+    "hertz": (swap("belt_speed = 20.0", 'driver_speed = "12 Hz"'), "operation.driver_speed", 'no angle; .* write "720 rpm"'),
+    "hertz in disguise": (swap("belt_speed = 20.0", 'driver_speed = "900 /min"'), "operation.driver_speed", 'write "900 rpm"'),
     "angle without unit": (swap("stiffness = 116.4", 'stiffness = 116.4\nstops = ["30", "60 deg"]'), "tensioner.stops", "no unit"),
     "stacked powers": (swap("radius = 0.0889", 'radius = "9**9**9 m"'), "pulley.crankshaft.radius", "not a number with a unit"),
-    "huge integer": (swap("radius = 0.0889", "radius = " + "9" * 400), "pulley.crankshaft.radius", "more than 30 digits"),
+    "huge integer": (swap("radius = 0.0889", "radius = " + "9" * 400), r"pulley\[0\]\.radius", "more than 30 digits"),
     "too long an integer": (swap("radius = 0.0889", "radius = " + "9" * 5000), "", "not TOML"),
-    "too deep": (swap("radius = 0.0889", "radius = " + "[" * 5000), "", "not TOML"),
+    "too deep": (swap("radius = 0.0889", "radius = " + "[" * 5000), "", "nested too deep"),
     "out of proportion": (swap("center = [0.0, 0.0]", "center = [-1e200, 0.3]"), "pulley", "out of all proportion"),
-    "millimeters": (swap("radius = 0.0889", "radius = 88.9"), "pulley.crankshaft.radius", 'bare number is in meters, millimeters are written "88.9 mm"'),
+    "millimeters": (swap("radius = 0.0889", "radius = 88.9"), "pulley.crankshaft.radius", 'bare number is in meters, millimeters are written "88.9 mm", .* "88.9 m"'),
     "a study": ('drive = "three_pulley.toml"\nobjective.minimize = "coupling"', "drive", "is the key of a study"),
     "not finite": (swap("tension = 300.0", "tension = inf"), "installation.tension", "not finite"),
     "nan": (swap("tension = 300.0", "tension = nan"), "installation.tension", "not finite"),
@@ -116,7 +116,7 @@ BAD = {
     "overlap": (swap("center = [0.0, 0.0]", "center = [0.3, 0.05]"), "pulley.accessory.center|pulley.tensioner.center", "overlaps"),
     "no tangent": (swap("radius = 0.0452", "radius = 0.15\nrim_radius = 0.02"), "pulley.", "no tangent"),
     "does not touch": (swap("center = [0.3477, 0.05715]", "center = [0.3477, 0.2]"), "pulley.tensioner.center", "does not touch"),
-    "crosses itself": (swap('listed = "counterclockwise"', 'listed = "clockwise"'), "pulley", "crosses itself|does not touch"),
+    "crosses itself": (swap('listed = "counterclockwise"', 'listed = "clockwise"'), "listed", "found 'clockwise', in which .*; 'counterclockwise' gives a path"),
     "pivot on the pulley": (swap("pivot = [0.2508, 0.0635]", "pivot = [0.3477, 0.05715]"), "tensioner.pivot", "arm"),
     "both rules": (swap("tension = 300.0", "tension = 300.0\nbelt_length = 1.5"), "installation", "both"),
     "neither rule": (swap("tension = 300.0", ""), "installation", "neither"),
@@ -165,6 +165,62 @@ def test_span_that_runs_through_a_pulley_is_named(tmp_path):
 def test_spans_that_cross_are_named_in_the_reading_that_comes_closest(tmp_path):
     with pytest.raises(bj.FileError, match=r"crosses itself: spans a-e and c-d"):
         load(tmp_path, square(("e", 0.5, 1.4, "back")))
+
+
+def two_and_an_idler(x, y, radius, face):
+    """Two pulleys 400 mm apart and an idler, in a file that does not say the sense of its list."""
+    lines = ["[installation]\ntension = 300\n[operation]\nbelt_speed = 5\n[belt]"]
+    lines += ["axial_stiffness = 1e5\nbending_stiffness = 0.01\nmass_per_length = 0.1"]
+    pulleys = ("a", 0, 0, 50, "grooved"), ("b", 400, 0, 50, "grooved"), ("i", x, y, radius, face)
+    for name, across, up, size, side in pulleys:
+        driver = "driver = true" if name == "a" else ""
+        lines.append(
+            f'[[pulley]]\nname = "{name}"\ncenter = ["{across} mm", "{up} mm"]\n'
+            f'radius = "{size} mm"\nface = "{side}"\n{driver}'
+        )
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("idler", "missed"),
+    [
+        ((200, 81, 30, "back"), "1 mm"),
+        ((200, 19, 30, "grooved"), "1 mm"),
+        ((200, 92.5, 30, "back"), "12.5 mm"),
+    ],
+)
+def test_idler_that_misses_the_belt_is_named_with_its_gap(idler, missed, tmp_path):
+    # The strand runs along y = 50 mm.
+    says = rf"pulley\.i\.center: the belt does not touch this pulley \(it misses it by {missed}, wrap -"
+    with pytest.raises(bj.FileError, match=says):
+        load(tmp_path, two_and_an_idler(*idler))
+    x, y, radius, face = idler
+    inwards = -1 if face == "back" else 1
+    drive, _ = load(tmp_path, two_and_an_idler(x, y + inwards * 15, radius, face))
+    assert float(drive.sense) == 1.0
+
+
+def test_large_drives_are_read_and_a_bare_millimeter_is_not(tmp_path):
+    conveyor = two_and_an_idler(200, 70, 30, "back").replace('"400 mm"', '"400 m"')
+    conveyor = conveyor.replace('"200 mm"', '"200 m"')
+    drive, _ = load(tmp_path, conveyor)
+    assert float(drive.pulleys[1].center[0]) == 400.0
+    # A wheel of 12 m is written with its unit, by `save_drive` too.
+    big = THREE.replace("[0.0, 0.0]", "[-13.0, 0.0]").replace("radius = 0.02697", 'radius = "12 m"')
+    drive, point = load(tmp_path, big)
+    bj.save_drive(tmp_path / "copy.toml", drive, point)
+    again, _ = bj.load_drive(tmp_path / "copy.toml")
+    assert float(again.pulleys[2].radius) == 12.0
+    with pytest.raises(bj.FileError, match=r"center: is out of all proportion, 4e\+07 m"):
+        load(tmp_path, two_and_an_idler(200, 70, 30, "back").replace('"400 mm"', "4e7"))
+
+
+def test_pulleys_are_bounded(tmp_path):
+    row = '[[pulley]]\nname = "p{0}"\ncenter = [{0}, 0]\nradius = 0.1\nface = "grooved"\n'
+    many = "".join(row.format(i) for i in range(201))
+    text = THREE[: THREE.index("[[pulley]]")] + many + INSTALLATION + "[operation]\nbelt_speed = 1"
+    with pytest.raises(bj.FileError, match="pulley: found 201; a drive file has 200 at most"):
+        load(tmp_path, text)
 
 
 def test_missing_file_is_named(tmp_path):

@@ -66,6 +66,17 @@ def test_without_a_cache_it_just_runs(folder):
     assert kept_files(folder) == []
 
 
+def test_a_folder_in_which_others_may_write_is_not_used(folder):
+    programs.run_kept(doubled, jnp.ones(3), 2)
+    folder.chmod(0o777)
+    for _ in range(2):  # nothing is read there, and nothing written
+        np.testing.assert_array_equal(programs.run_kept(doubled, jnp.ones(3), 2)["values"], 1.0)
+        programs.run_kept(doubled, jnp.ones(4), 2)
+    assert TRACED[:2] == [2, 2]
+    assert len(kept_files(folder)) == 1
+    folder.chmod(0o700)
+
+
 SOLVED_ELSEWHERE = """
 import jax, sys
 jax.config.update("jax_enable_x64", True)
