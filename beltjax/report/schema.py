@@ -34,7 +34,9 @@ class _Part(BaseModel):
 class Warned(_Part):
     """What limits the trust in a success."""
 
-    code: str = _of("a member of `bj.RESULTS`: `belt_stiff_on_pulley`, `span_slackens`")
+    code: str = _of(
+        "`belt_stiff_on_pulley`, `span_slackens` (members of `bj.RESULTS`) or `modes_left_out`"
+    )
     text: str = _of("the same in words, with names and numbers")
 
 
@@ -69,6 +71,7 @@ class Reference(_Part):
     tensions: Row = _of("N, of each span")
     unstretched_length: Maybe = _of("m, of the belt")
     arm_angle: Maybe = _of("rad, direction of the arm")
+    arm_turn: Maybe = _of("rad, by which torques turned the arm from where it is drawn")
     free_angle: Maybe = _of("rad, with its spring relaxed; whole turns count")
     tensioner_effectiveness: Maybe = _of("eta; null without a tensioner")
 
