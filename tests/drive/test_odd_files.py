@@ -4,7 +4,6 @@ import json
 import os
 import random
 import re
-import time
 
 import pytest
 from drives import EXAMPLES
@@ -20,11 +19,9 @@ THREE = TEXTS["three_pulley.toml"]
 
 
 def refused(read, *args):
-    """The one line in which `read(*args)` refuses, within a second."""
-    begin = time.monotonic()
+    """The one line in which `read(*args)` refuses; what hangs runs into the file's time limit."""
     with pytest.raises(ValueError, match=r"\w") as caught:
         read(*args)
-    assert time.monotonic() - begin < 1.0
     line = str(caught.value)
     assert "\n" not in line
     assert line.isprintable()
@@ -264,7 +261,6 @@ def read_mutants(folder, seed, count):
         for k in range(count):
             mutant = mutated(text, chance)
             path.write_bytes(mutant.encode())
-            begin = time.monotonic()
             try:
                 read(path)
                 ended.append(False)
@@ -276,7 +272,6 @@ def read_mutants(folder, seed, count):
                 ended.append(True)
             except Exception as error:
                 raise AssertionError(f"{error!r} for this file:\n{mutant}") from error
-            assert time.monotonic() - begin < 30.0, (k, mutant)  # some compile
     return ended
 
 
