@@ -168,7 +168,7 @@ def contact_solution(drive: Drive, point: OperatingPoint, law, maximum) -> Conta
     drawn = layout(drive, throw=False)
     drawable = succeeded(drawn.result)
     drive, point = harmless(drive, point, drawable)
-    drive = _with_the_string_s_belt(drive, drawn)
+    drive = _with_belt_of_the_string(drive, drawn)
     start = _installed(drive, point)
     taken, scalable = _torques(drive, point, start.tension, maximum)
     groups, scales = contact_groups(drive, point, taken, start.tension)
@@ -220,7 +220,7 @@ class _Start(NamedTuple):
     result: RESULTS  # of the string
 
 
-def _with_the_string_s_belt(drive: Drive, drawn: Layout) -> Drive:
+def _with_belt_of_the_string(drive: Drive, drawn: Layout) -> Drive:
     """`drive`; where its tension is that of a string, with the belt and spring that gives it."""
     rule = drive.installation
     if not isinstance(rule, TensionGiven) or rule.tension_of != "string":

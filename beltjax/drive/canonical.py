@@ -60,9 +60,10 @@ def canonical(drive: Drive, point: OperatingPoint) -> tuple[Drive, OperatingPoin
 def canonical_key(drive: Drive, key: str) -> str:
     """The key of a number of the drive file with the canonical name of its pulley, if any."""
     words = key.split(".")
-    place = {"pulley": 1, "operation": 2}.get(words[0])
-    if place is not None and words[place - 1] in ("pulley", "torque") and len(words) > place:
-        words[place] = canonical_name(drive.pulley(words[place]))
+    if words[0] == "pulley":
+        words[1] = canonical_name(drive.pulley(words[1]))
+    elif words[:2] == ["operation", "torque"]:
+        words[2] = canonical_name(drive.pulley(words[2]))
     return ".".join(words)
 
 
