@@ -35,27 +35,43 @@ def contact_and_slopes(drive, point):
     return found.result, found.wraps, slopes
 
 
-@pytest.mark.timeout(400)
-def test_a_failure_of_the_layout_is_one_of_contact_and_failures_have_no_slopes():
-    drive, point = with_friction()
+@functools.cache
+def lanes():
+    """Drives in contact by the name of their result, the first a success."""
+    drive, _ = with_friction()
     stiff = eqx.tree_at(
         lambda d: (d.belt.bending_stiffness, d.installation.tension),
         drive,
         (jnp.asarray(388.0), jnp.asarray(2604.0)),
     )
     lost = eqx.tree_at(lambda d: d.pulleys[1].center, drive, jnp.array([0.3477, 0.2]))
-    lanes = {
+    return {
         "successful": drive,
         "path_not_simple": eqx.tree_at(lambda d: d.sense, drive, -drive.sense),
         "contact_lost": lost,
         "belt_too_stiff": stiff,
     }
-    batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), *lanes.values())
-    results, wraps, slopes = contact_and_slopes(batch, point)
-    for k, name in enumerate(lanes):
-        result = jax.tree.map(lambda x, k=k: x[k], results)
-        assert result == getattr(bj.RESULTS, name), f"{name}: {bj.RESULTS[result]}"
-    assert np.all(np.isfinite(wraps))
+
+
+@pytest.mark.parametrize(
+    "name", ["successful", "path_not_simple", "contact_lost", "belt_too_stiff"]
+)
+def test_a_failure_of_the_layout_is_one_of_contact(name):
+    drive = lanes()[name]
+    found = bj.contact_state(drive, with_friction()[1], throw=False)
+    assert found.result == getattr(bj.RESULTS, name), bj.RESULTS[found.result]
+    assert np.all(np.isfinite(found.wraps))
+    if name in ("path_not_simple", "contact_lost"):
+        assert found.result == bj.layout(drive, throw=False).result
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(400)
+def test_failures_have_no_slopes():
+    batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), *lanes().values())
+    results, _, slopes = contact_and_slopes(batch, with_friction()[1])
+    for k, name in enumerate(lanes()):
+        assert jax.tree.map(lambda x, k=k: x[k], results) == getattr(bj.RESULTS, name)
     for leaf in map(np.asarray, jax.tree.leaves(slopes)):
         assert np.all(np.isfinite(leaf))
         assert np.all(leaf[1:] == 0.0)
@@ -88,6 +104,7 @@ def test_second_derivatives_are_nan_where_they_would_be_wrong():
     assert np.isnan(jax.jit(jax.hessian(efficiency))(jnp.asarray(0.015)))
 
 
+@pytest.mark.slow
 def test_a_tension_is_of_the_belt_or_of_the_string():
     """Two small pulleys and a stiff belt: 10 N as a string are 15.65 N by the exact elastica."""
     belt = bj.Belt(6000.0, 1e-4, 0.01)

@@ -25,7 +25,7 @@ def refused(read, *args):
     line = str(caught.value)
     assert "\n" not in line
     assert line.isprintable()
-    assert len(line) < 500
+    assert len(line) < 1000
     return line
 
 

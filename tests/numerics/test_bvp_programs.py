@@ -93,7 +93,8 @@ def test_programs_of_earlier_problems_are_given_back(first_solution):
         maps.append(memory_maps())
     gc.collect()
     assert sum(right() is not None for right in rights) <= EVALUATIONS_KEPT
-    assert maps[-1] <= maps[EVALUATIONS_KEPT]
+    # Four problems more are kept no longer; the allocator's own maps come and go by a few.
+    assert maps[-1] - maps[EVALUATIONS_KEPT] < 10
 
 
 def test_programs_of_earlier_derivatives_are_given_back():

@@ -27,6 +27,7 @@ def test_what_is_wrong_is_said(case):
         dataclasses.replace(study, **changes)
 
 
+@pytest.mark.slow
 def test_new_numbers_compile_nothing():
     study = dataclasses.replace(
         bj.optimize.load_study(EXAMPLES / "three_pulley_study.toml"), starts=4
