@@ -55,6 +55,7 @@ def _check_document(words, status, output):
         documented(words[0], json.loads(text))
 
 
+@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items):
     """A worker takes whole files, all of contact, and all of studies: they share what compiles."""
     for item in items:

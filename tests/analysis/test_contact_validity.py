@@ -35,6 +35,9 @@ def contact_and_slopes(drive, point):
     return found.result, found.wraps, slopes
 
 
+NAMES = ["successful", "path_not_simple", "contact_lost", "belt_too_stiff"]
+
+
 @functools.cache
 def lanes():
     """Drives in contact by the name of their result, the first a success."""
