@@ -61,5 +61,5 @@ def pytest_collection_modifyitems(items):
     for item in items:
         name = item.path.name
         group = "studies" if name in STUDIES else str(item.path)
-        group = "contact" if "contact" in name else group
+        group = "contact" if "contact" in name and "analysis" in item.path.parts else group
         item.add_marker(pytest.mark.xdist_group(group))
