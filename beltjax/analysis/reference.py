@@ -112,7 +112,7 @@ def _solved_state(drive, point, drawn) -> ReferenceState:
     rule = drive.installation
     offsets = _tension_offsets(drive, point)
     if isinstance(rule, TensionGiven):
-        held = _held_by_tensions(drive, drawn, jnp.full_like(offsets, rule.tension))
+        held = held_by_tension(drive, drawn, rule.tension)
         base, turn, fits = rule.tension, jnp.zeros(()), succeeded(drawn.result)
         bare = RESULTS.where(fits, RESULTS.successful, drawn.result)
     else:
@@ -120,12 +120,12 @@ def _solved_state(drive, point, drawn) -> ReferenceState:
         unloaded = _problem(drive, held, jnp.zeros_like(offsets), _likely_tension(drive))
         base, turn, bare = _bare_state(drive, unloaded, drawn)
         fits = succeeded(bare)
-        held = _replaced(fits, held, _held_by_tensions(drive, drawn, jnp.full_like(offsets, base)))
+        held = _replaced(fits, held, held_by_tension(drive, drawn, base))
 
     problem = _problem(drive, held, jnp.where(fits, offsets, 0.0), base)
     found = _search(problem, turn)
     good = fits & found.converged
-    spare = _held_by_tensions(drive, drawn, jnp.full_like(offsets, base))
+    spare = held_by_tension(drive, drawn, base)
     problem = problem._replace(
         held=_replaced(good, held, spare), offsets=jnp.where(good, offsets, 0.0)
     )
