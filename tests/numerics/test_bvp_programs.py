@@ -104,12 +104,13 @@ def test_programs_of_earlier_derivatives_are_given_back():
     def slope(factor):
         return jax.grad(lambda x: run(lambda x: jnp.sum(jnp.sin(factor * x) ** 3), x))(jnp.ones(5))
 
-    maps = []
-    for k in range(SOLVERS_KEPT + 6):
+    maps, further = [], 8
+    for k in range(SOLVERS_KEPT + 2 + further):
         assert slope(float(k)) == pytest.approx(3 * k * np.sin(k) ** 2 * np.cos(k))
         maps.append(memory_maps())
     gc.collect()
-    assert memory_maps() <= maps[SOLVERS_KEPT + 1]
+    # A kept program has a map or more; the allocator's own maps come and go by a few.
+    assert memory_maps() - maps[SOLVERS_KEPT + 1] < further
 
 
 # Guesses far from the solution.
