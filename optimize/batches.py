@@ -16,8 +16,9 @@ from beltjax.analysis.linearization import linearize
 from beltjax.analysis.modes import modes
 from beltjax.analysis.steady import steady_state
 from beltjax.analysis.sweep import BASIS, require_count
-from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.numbers import require_numbers, with_numbers
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis
 from beltjax.numerics.compilation import quickly_compiled
 from beltjax.results import RESULTS, code, succeeded

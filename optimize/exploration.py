@@ -12,9 +12,10 @@ import jax
 
 from beltjax.analysis.linearization import has_inertias
 from beltjax.analysis.sweep import BASIS
-from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.files import drive_content
 from beltjax.drive.numbers import unit_of_number
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis
 from beltjax.numerics.compilation import usual_promotion
 

@@ -9,10 +9,11 @@ import jax
 import jax.numpy as jnp
 from pydantic import Field
 
-from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.files import load_drive
 from beltjax.drive.numbers import unit_of_number
+from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.quantities import Table, validated
+from beltjax.drive.system import Drive
 from beltjax.drive.units import to_si
 from beltjax.drive.variables import unit_of, variable_names
 from beltjax.errors import FileError

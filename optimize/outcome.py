@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from beltjax.analysis.steady import SteadyState, steady_state
-from beltjax.drive.components import Drive
 from beltjax.drive.readable import Readable
+from beltjax.drive.system import Drive
 from beltjax.results import RESULTS, succeeded
 
 from .conflicts import conflicting, least_violated

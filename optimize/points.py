@@ -9,9 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from pydantic import Field
 
-from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.numbers import require_numbers
+from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.quantities import Table
+from beltjax.drive.system import Drive
 from beltjax.drive.units import to_si
 from beltjax.errors import FileError
 

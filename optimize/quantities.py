@@ -20,7 +20,8 @@ from beltjax.analysis.modes import Modes, modes
 from beltjax.analysis.response import Excitation, Response, frequency_response
 from beltjax.analysis.steady import SteadyState
 from beltjax.drive.checks import clearances
-from beltjax.drive.components import Drive, OperatingPoint
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
 from beltjax.numerics.bases import Legendre
 from beltjax.results import RESULTS, succeeded
 

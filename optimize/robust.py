@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.numbers import number_value
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
 from beltjax.numerics.compilation import quickly_compiled, usual_promotion
 
 from .batches import FEW, Question, in_batches

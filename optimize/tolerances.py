@@ -5,9 +5,9 @@ from typing import Annotated
 
 from pydantic import Field
 
-from beltjax.drive.components import Drive
 from beltjax.drive.numbers import unit_of_number
 from beltjax.drive.quantities import Table
+from beltjax.drive.system import Drive
 from beltjax.errors import FileError
 
 from .measures import MeanPlus, Measure, Scatter, WorstQuantile

@@ -16,18 +16,14 @@ from beltjax.analysis.reference import (
     resting,
 )
 from beltjax.drive.canonical import canonical
-from beltjax.drive.components import (
-    BeltGiven,
-    Drive,
-    OperatingPoint,
-    TensionGiven,
-    as_real,
-    concrete,
-)
+from beltjax.drive.components import as_real, concrete
 from beltjax.drive.groups import ContactGroups, Scales, TravelOrder, contact_groups
+from beltjax.drive.installation import BeltGiven, TensionGiven
 from beltjax.drive.layout import Layout, layout
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.placeholders import harmless, usable
 from beltjax.drive.readable import Readable
-from beltjax.drive.usable import harmless, usable
+from beltjax.drive.system import Drive
 from beltjax.numerics.compilation import boundary_jit
 from beltjax.numerics.lanes import in_lanes_of
 from beltjax.numerics.slopes import differentiated_once

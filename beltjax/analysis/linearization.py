@@ -6,8 +6,9 @@ from jaxtyping import Array, Float, Int
 
 from beltjax.analysis.steady import SteadyState
 from beltjax.drive.canonical import strongly_typed
-from beltjax.drive.components import Drive, as_optional
+from beltjax.drive.components import as_optional
 from beltjax.drive.groups import Scales
+from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis, Legendre
 from beltjax.numerics.compilation import boundary_jit
 from beltjax.physics import span

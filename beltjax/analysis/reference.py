@@ -11,10 +11,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from beltjax.drive.canonical import canonical
-from beltjax.drive.components import BeltGiven, Drive, OperatingPoint, TensionGiven
+from beltjax.drive.installation import BeltGiven, TensionGiven
 from beltjax.drive.layout import Layout, Outline, Path, belt_path, layout, outline
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.placeholders import harmless, usable
 from beltjax.drive.readable import Readable
-from beltjax.drive.usable import harmless, usable
+from beltjax.drive.system import Drive
 from beltjax.numerics.compilation import boundary_jit
 from beltjax.numerics.roots import Search, implicit_root, system_root
 from beltjax.results import (

@@ -11,7 +11,8 @@ from beltjax.analysis.linearization import has_inertias, linearize
 from beltjax.analysis.modes import Modes, causes, modes_with_slopes
 from beltjax.analysis.steady import SteadyState, steady_state
 from beltjax.drive.canonical import canonical, restored
-from beltjax.drive.components import Drive, OperatingPoint
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis
 
 # Choices kept as numbers for the compiler's sake, and tables of their own.

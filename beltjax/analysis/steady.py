@@ -13,10 +13,11 @@ from beltjax.analysis.reference import (
     resting,
 )
 from beltjax.drive.canonical import canonical
-from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.groups import Groups, Scales, groups_and_scales
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.placeholders import harmless, usable
 from beltjax.drive.readable import Readable
-from beltjax.drive.usable import harmless, usable
+from beltjax.drive.system import Drive
 from beltjax.numerics.compilation import boundary_jit, usual_promotion
 from beltjax.physics import steady as physics
 from beltjax.results import (

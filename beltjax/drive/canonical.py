@@ -12,7 +12,9 @@ from typing import Any, TypeVar
 import jax
 import jax.numpy as jnp
 
-from beltjax.drive.components import Drive, OperatingPoint, as_complex, as_real
+from beltjax.drive.components import as_complex, as_real
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
 
 Numbers = TypeVar("Numbers")
 _NAME = "drive"
@@ -57,14 +59,35 @@ def canonical(drive: Drive, point: OperatingPoint) -> tuple[Drive, OperatingPoin
     return canonical_drive(drive), point
 
 
+def split_key(drive: Drive, key: str) -> tuple[str, str]:
+    """The table of a key of the drive file, with the name of what it belongs to, and the field.
+
+    Tensioners may have a '.' in their names, and fields parts: "pulley.idler.center.x".
+    """
+    table, _, rest = key.partition(".")
+    owners = {
+        "pulley": drive.pulley_names,
+        "tensioner": [body.name for body in drive.tensioners],
+    }.get(table, ())
+    for name in sorted(owners, key=len, reverse=True):
+        if rest.startswith(f"{name}."):
+            return f"{table}.{name}", rest.removeprefix(f"{name}.")
+    if key.startswith("operation.torque."):
+        return "operation.torque", key.removeprefix("operation.torque.")
+    return table, rest
+
+
 def canonical_key(drive: Drive, key: str) -> str:
-    """The key of a number of the drive file with the canonical name of its pulley, if any."""
-    words = key.split(".")
+    """The key of a number of the drive file with the canonical name of what it belongs to."""
+    part, field = split_key(drive, key)
+    words = part.split(".", 1)
     if words[0] == "pulley":
-        words[1] = canonical_name(drive.pulley(words[1]))
-    elif words[:2] == ["operation", "torque"]:
-        words[2] = canonical_name(drive.pulley(words[2]))
-    return ".".join(words)
+        return f"pulley.{canonical_name(drive.pulley(words[1]))}.{field}"
+    if part == "operation.torque":
+        return f"{part}.{canonical_name(drive.pulley(field))}"
+    if words[0] == "tensioner" and len(words) > 1:
+        return f"tensioner.{_name('tensioner', drive.body(words[1]))}.{field}"
+    return key
 
 
 def restored(
@@ -84,8 +107,36 @@ def restored(
 def _canonical_structure(structure: Any) -> Any:
     """The pytree structure of a drive, its names replaced by canonical ones."""
     drive = jax.tree.unflatten(structure, [0.0] * structure.num_leaves)
-    renamed = [_renamed(p, name=canonical_name(i)) for i, p in enumerate(drive.pulleys)]
-    return jax.tree.structure(_renamed(drive, name=_NAME, pulleys=tuple(renamed)))
+    several, first_on_shaft = len(drive.belts) > 1, {}
+    for shaft in drive.shafts:
+        for place in shaft[1:]:
+            first_on_shaft[place] = canonical_name(shaft[0])
+    pulleys = [
+        _renamed(
+            pulley,
+            name=canonical_name(place),
+            belt=_name("belt", belt) if several else None,
+            shaft=first_on_shaft.get(place),
+        )
+        for place, (pulley, belt) in enumerate(
+            zip(drive.pulleys, drive.belt_of_span.tolist(), strict=True)
+        )
+    ]
+    named = {
+        field: tuple(_renamed(part, name=_name(word, i)) for i, part in enumerate(parts))
+        for field, word, parts in (
+            ("belts", "belt", drive.belts),
+            ("tensioners", "tensioner", drive.tensioners),
+            ("arm_springs", "spring", drive.arm_springs),
+        )
+    }
+    model = _renamed(drive.model, schema=1)
+    renamed = _renamed(drive, name=_NAME, pulleys=tuple(pulleys), model=model, **named)
+    return jax.tree.structure(renamed)
+
+
+def _name(word: str, place: int) -> str:
+    return f"{word} {place}"
 
 
 def _renamed(module: Any, **fields: Any) -> Any:

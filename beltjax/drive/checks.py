@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from beltjax.drive.canonical import canonical_drive
-from beltjax.drive.components import Drive
 from beltjax.drive.layout import Layout, crossings, layout
+from beltjax.drive.system import Drive
 from beltjax.errors import FileError
 from beltjax.results import RESULTS, succeeded
 

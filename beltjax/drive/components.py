@@ -1,5 +1,6 @@
 """The physical description of a drive in SI units: immutable pytrees whose leaves are numbers."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
@@ -16,6 +17,8 @@ SIDES = {"grooved": 1.0, "back": -1.0}
 SENSES = {"counterclockwise": 1.0, "clockwise": -1.0}
 TENSIONS_OF = ("belt", "string")
 TRAVELS = {"listed": 1.0, "opposite": -1.0}
+KINDS = {"rotary": 1.0, "linear": 0.0}
+NO_STOPS = (-np.inf, np.inf)
 
 
 def as_real(value: Any) -> Array:
@@ -57,6 +60,17 @@ def as_sign(names: Mapping[str, float], value: Any) -> Array:
     return as_real(value)
 
 
+def as_flags(value: Any) -> Array:
+    """A sequence of numbers, or one number, as a vector."""
+    flags = as_real(value)
+    return flags if flags.ndim else flags[None]
+
+
+def as_kind(value: Any) -> Array:
+    """1 for a tensioner that turns about a pivot, 0 for one that slides along a line."""
+    return as_sign(KINDS, value)
+
+
 def as_side(value: Any) -> Array:
     """+1 for a grooved pulley (inside the loop), -1 for one on the back of the belt."""
     return as_sign(SIDES, value)
@@ -84,12 +98,13 @@ def require_shape(what: str, value: Array, shape: tuple[int, ...], meaning: str)
 
 
 class Belt(Readable):
-    """The belt: a uniform, extensible beam."""
+    """A belt: a uniform, extensible beam."""
 
     axial_stiffness: Float[Array, ""] = eqx.field(converter=as_real)  # EA [N]
     bending_stiffness: Float[Array, ""] = eqx.field(converter=as_real)  # EI [N m^2]
     mass_per_length: Float[Array, ""] = eqx.field(converter=as_real)  # unstretched [kg/m]
     thickness: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)  # [m]
+    name: str = eqx.field(static=True, default="belt")
 
 
 class Pulley(Readable):
@@ -104,10 +119,15 @@ class Pulley(Readable):
     inertia: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)  # [kg m^2]
     friction: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)
     rim_radius: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)  # [m]
-    # Which pulley drives and which one the arm carries are data, not structure: drives that
+    # Which pulley drives and which tensioner carries it are data, not structure: drives that
     # differ only there share one compiled function and may share a batch.
     driver: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # 1: its motion is given
-    on_arm: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # 1: carried by the arm
+    # 1 for the tensioner that carries the pulley; without entries it is carried by none.
+    on: Float[Array, " coordinates"] = eqx.field(converter=as_flags, default=())
+    # 1: the accessory is bolted to the body that carries its pulley, 0: to the ground.
+    housed: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)
+    belt: str | None = eqx.field(static=True, default=None)  # name of its belt; None: the only one
+    shaft: str | None = eqx.field(static=True, default=None)  # name of a pulley on the same shaft
 
     def __check_init__(self):
         require_shape(f"Pulley {self.name!r}", self.center, (2,), "center (x, y)")
@@ -123,226 +143,87 @@ class Pulley(Readable):
 
 
 class Tensioner(Readable):
-    """The spring-loaded arm that carries the pulley whose `on_arm` is set."""
+    """A movable body with one coordinate, which carries the pulleys whose `on` names it.
 
-    pivot: Float[Array, "2"] = eqx.field(converter=as_real)  # [m]
-    stiffness: Float[Array, ""] = eqx.field(converter=as_real)  # k_r [N m/rad]
+    It turns about `pivot`, counted counterclockwise from the drawn position [rad], or slides along
+    `direction`, counted from there [m]. It may sit on another tensioner: `on` then has a 1 at
+    that one's place, which comes before its own. Stiffness 0 leaves it to be held by the belt
+    or by an `ArmSpring`.
+    """
+
+    words: ClassVar = {"kind": KINDS}
+
+    stiffness: Float[Array, ""] = eqx.field(converter=as_real)  # [N m/rad], linear [N/m]
+    pivot: Float[Array, "2"] = eqx.field(converter=as_real, default=(0.0, 0.0))  # [m]
+    direction: Float[Array, "2"] = eqx.field(converter=as_real, default=(1.0, 0.0))
+    kind: Float[Array, ""] = eqx.field(converter=as_kind, default="rotary")
+    # [kg m^2] about the fixed pivot, its pulleys' mass but not their spin included; linear: [kg]
     inertia: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)
-    # inertia [kg m^2] is about the pivot and includes the mass of the pulley, not its spin
-    damping: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)  # [N m s/rad]
-    stops: Float[Array, "2"] | None = eqx.field(converter=as_optional, default=None)
-    # stops [rad] are the least and the greatest direction of the arm, from pivot to pulley
+    # Of a body whose pivot moves: its mass, where its center lies as drawn, and the inertia
+    # about that center. What `inertia` says is added.
+    mass: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # [kg]
+    mass_center: Float[Array, "2"] = eqx.field(converter=as_real, default=(0.0, 0.0))  # [m]
+    inertia_center: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # [kg m^2]
+    damping: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # [N m s/rad] or [N s/m]
+    # Least and greatest coordinate, from the drawn position [rad] or [m].
+    stops: Float[Array, "2"] = eqx.field(converter=as_real, default=NO_STOPS)
+    locked: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # 1: bolted
+    on: Float[Array, " coordinates"] = eqx.field(converter=as_flags, default=())
+    name: str = eqx.field(static=True, default="tensioner")
 
     def __check_init__(self):
-        require_shape("Tensioner", self.pivot, (2,), "pivot (x, y)")
-        if self.stops is not None:
-            require_shape("Tensioner", self.stops, (2,), "stops (least, greatest)")
+        for field, meaning in (
+            ("pivot", "pivot (x, y)"),
+            ("direction", "direction (x, y)"),
+            ("mass_center", "mass_center (x, y)"),
+            ("stops", "stops (least, greatest)"),
+        ):
+            require_shape(f"Tensioner {self.name!r}", getattr(self, field), (2,), meaning)
 
 
-class TensionGiven(Readable):
-    """The drawn layout is the torque-free state and `tension` its tension at rest.
+class ArmSpring(Readable):
+    """A spring between two tensioners: `between` is -1 at the first one's place, 1 at the second's.
 
-    That is the tension in the middle of the free spans. `steady_state` takes the belt for a string
-    there, which for a belt that is stiff for its pulleys it is not: `contact_state` finds the
-    belt whose real tension this is, or with `tension_of="string"` the belt that would have this
-    tension if it were a string, the one that `steady_state` is about.
-
-    They fix the unstretched length of the belt and the free angle of the arm; torques then
-    move the arm and the tensions. `span_tensions`, for comparison with print, names the
-    tension of every span instead: the drawn layout is kept and torques are not used.
+    It is linear in their coordinates, as a torsion spring between two arms of one pivot is.
     """
 
-    tension: Float[Array, ""] = eqx.field(converter=as_real)  # P0 [N]
-    span_tensions: Float[Array, " spans"] | None = eqx.field(converter=as_optional, default=None)
-    tension_of: str = eqx.field(static=True, default="belt")
-
-    def __check_init__(self):
-        if self.tension_of not in TENSIONS_OF:
-            known = ", ".join(map(repr, TENSIONS_OF))
-            raise ValueError(f"TensionGiven: tension_of {self.tension_of!r} is not one of {known}.")
+    between: Float[Array, " coordinates"] = eqx.field(converter=as_flags)
+    stiffness: Float[Array, ""] = eqx.field(converter=as_real)  # [N m/rad] or [N/m]
+    damping: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)
+    name: str = eqx.field(static=True, default="spring")
 
 
-class BeltGiven(Readable):
-    """The belt and the free angle of the arm are held; arm angle and tensions follow."""
+class Isolator(Readable):
+    """A torsion spring between the rim of a pulley, on which the belt runs, and its hub.
 
-    belt_length: Float[Array, ""] = eqx.field(converter=as_real)  # unstretched [m]
-    free_angle: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)
-    # free_angle [rad] is the direction of the arm, from pivot to pulley, with its spring relaxed:
-    # as many turns from the drawn direction, which is in (-pi, pi], as the spring is wound.
-
-
-def span_names(pulleys: Sequence[str]) -> tuple[str, ...]:
-    """Names 'a-b' of the spans between pulleys of these names, in listed order."""
-    following = (*pulleys[1:], *pulleys[:1])
-    return tuple(f"{a}-{b}" for a, b in zip(pulleys, following, strict=True))
-
-
-def repeated_span(pulleys: Sequence[str]) -> str | None:
-    """A name that two spans between these pulleys would share: hyphens are part of both."""
-    names = span_names(pulleys)
-    return next((name for name in names if names.count(name) > 1), None)
-
-
-class Drive(Readable):
-    """A belt drive. Pulleys are listed in the order in which they are met going round the loop.
-
-    Every number is a leaf, so the gradient of anything with respect to a drive is a drive.
-    Raises `ValueError` for what is wrong whatever the numbers: fewer than two pulleys, names
-    that repeat, not exactly one driver, a tensioner without its pulley.
+    Torque and `Pulley.inertia` belong to the hub. `pulleys` is 1 at the places of the pulleys whose
+    rim it carries; several share one rim.
     """
 
-    words: ClassVar = {"sense": SENSES}
-
-    belt: Belt
-    pulleys: tuple[Pulley, ...] = eqx.field(converter=tuple)
-    installation: TensionGiven | BeltGiven
-    tensioner: Tensioner | None = None
-    sense: Float[Array, ""] = eqx.field(converter=as_sense, default="counterclockwise")
-    name: str = eqx.field(static=True, default="drive")
-
-    def __check_init__(self):
-        if len(self.pulleys) < 2:
-            raise ValueError(f"A drive has at least two pulleys, not {len(self.pulleys)}.")
-        names = self.pulley_names
-        if len(set(names)) < len(names):
-            raise ValueError(f"Names of pulleys repeat: {', '.join(names)}.")
-        repeated = repeated_span(names)
-        if repeated is not None:
-            raise ValueError(f"Two spans would be called {repeated!r}: rename a pulley.")
-        self._check_flags("driver", 1, "exactly one pulley drives")
-        carried = 0 if self.tensioner is None else 1
-        self._check_flags("on_arm", carried, f"the tensioner carries {carried} pulley(s)")
-        self._check_installation()
-
-    def _check_flags(self, which: str, count: int, rule: str) -> None:
-        flags = [concrete(getattr(pulley, which)) for pulley in self.pulleys]
-        if any(flag is None or flag.ndim for flag in flags):
-            return  # traced or batched: only numbers can be counted
-        found = sum(float(flag) for flag in flags if flag is not None)
-        if found != count:
-            raise ValueError(f"Pulley.{which}: {rule}, but {found:g} are marked.")
-
-    def _check_installation(self) -> None:
-        rule = self.installation
-        if isinstance(rule, BeltGiven) and (rule.free_angle is None) != (self.tensioner is None):
-            raise ValueError("BeltGiven: free_angle is given exactly when there is a tensioner.")
-        if isinstance(rule, TensionGiven) and rule.span_tensions is not None:
-            require_shape("TensionGiven", rule.span_tensions, (len(self.pulleys),), "span_tensions")
-
-    @property
-    def pulley_names(self) -> tuple[str, ...]:
-        """Names of the pulleys, in listed order."""
-        return tuple(pulley.name for pulley in self.pulleys)
-
-    @property
-    def span_names(self) -> tuple[str, ...]:
-        """Names 'a-b' of the spans: span i runs from pulley i to the next in the list."""
-        return span_names(self.pulley_names)
-
-    def pulley(self, name: str) -> int:
-        """Place of the pulley of that name in the list; raises `KeyError` if there is none."""
-        if name not in self.pulley_names:
-            raise KeyError(f"no pulley {name!r}; there are {', '.join(self.pulley_names)}")
-        return self.pulley_names.index(name)
-
-    def span(self, name: str) -> int:
-        """Place of the span 'a-b' in the list; raises `KeyError` if there is none."""
-        if name not in self.span_names:
-            raise KeyError(f"no span {name!r}; there are {', '.join(self.span_names)}")
-        return self.span_names.index(name)
-
-    @property
-    def centers(self) -> Float[Array, "pulleys 2"]:
-        """Centers of the pulleys in the drawn layout [m]."""
-        return jnp.stack([pulley.center for pulley in self.pulleys])
-
-    @property
-    def radii(self) -> Float[Array, " pulleys"]:
-        """Radii of the pulleys, to the belt's neutral axis [m]."""
-        return jnp.stack([pulley.radius for pulley in self.pulleys])
-
-    @property
-    def faces(self) -> Float[Array, " pulleys"]:
-        """+1 for a pulley inside the loop, -1 for one on the back of the belt."""
-        return jax.lax.stop_gradient(jnp.stack([pulley.face for pulley in self.pulleys]))
-
-    @property
-    def drives(self) -> Float[Array, " pulleys"]:
-        """1 for the driver, 0 for the others."""
-        return jax.lax.stop_gradient(jnp.stack([pulley.driver for pulley in self.pulleys]))
-
-    @property
-    def carried(self) -> Float[Array, " pulleys"]:
-        """1 for the pulley on the tensioner's arm, 0 for the others."""
-        return jax.lax.stop_gradient(jnp.stack([pulley.on_arm for pulley in self.pulleys]))
-
-    @property
-    def arm(self) -> Float[Array, "2"]:
-        """Vector from the tensioner's pivot to the pulley it carries, as drawn [m].
-
-        A drive with locked centers gets a unit arm that carries nothing.
-        """
-        if self.tensioner is None:
-            return jnp.array([1.0, 0.0])
-        return self.carried @ self.centers - self.tensioner.pivot
+    pulleys: Float[Array, " pulleys"] = eqx.field(converter=as_flags)
+    stiffness: Float[Array, ""] = eqx.field(converter=as_real)  # [N m/rad]
+    rim_inertia: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)
+    damping: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # [N m s/rad]
 
 
-class ExcitationGiven(Readable):
-    """What shakes the drive, by the drive file: the default of `beltjax response`.
+class Damper(Readable):
+    """An inertia ring on a torsion spring, on the hub or on the rim of a pulley."""
 
-    Amplitudes are zero to peak, at `order` times the driver's speed.
+    pulley: Float[Array, " pulleys"] = eqx.field(converter=as_flags)  # 1 at the pulley's place
+    stiffness: Float[Array, ""] = eqx.field(converter=as_real)  # [N m/rad]
+    inertia: Float[Array, ""] = eqx.field(converter=as_real)  # [kg m^2]
+    damping: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # [N m s/rad]
+    on_rim: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # 1: on the rim, 0: hub
+
+
+class Model(Readable):
+    """Which terms that Kong (2003) leaves out are counted: 1 counts them, 0 leaves them out.
+
+    Without them the published numbers are met; with them a running string is that of exact statics
+    to second order in the tensioners' motion (docs/model.md).
     """
 
-    crank: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)  # [rad]
-    order: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)
-    torque: dict[str, Float[Array, ""]] = eqx.field(
-        converter=lambda torque: {name: as_real(value) for name, value in torque.items()},
-        default_factory=dict,
-    )  # [N m], by name of pulley, in the direction of belt travel
-
-
-class OperatingPoint(Readable):
-    """How the drive runs: its speed, and the torque each accessory takes from the belt.
-
-    Give `belt_speed`, or `driver_speed` from which it follows. `mass_flow` replaces the
-    belt's mass per length in contact mechanics. The driver balances the torques; one given for
-    it counts for nothing, so that batches may mix which pulley drives (a drive file refuses it).
-    `excitation` concerns forced vibration alone.
-    """
-
-    words: ClassVar = {"travel": TRAVELS}
-
-    belt_speed: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)  # [m/s]
-    driver_speed: Float[Array, ""] | None = eqx.field(
-        converter=as_optional, default=None
-    )  # [rad/s]
-    mass_flow: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)  # [kg/s]
-    torque: dict[str, Float[Array, ""]] = eqx.field(
-        converter=lambda torque: {name: as_real(value) for name, value in torque.items()},
-        default_factory=dict,
-    )  # [N m], by name of pulley
-    travel: Float[Array, ""] = eqx.field(converter=as_travel, default="listed")
-    excitation: ExcitationGiven | None = None
-
-    def __check_init__(self):
-        if (self.belt_speed is None) == (self.driver_speed is None):
-            raise ValueError("OperatingPoint: give either belt_speed or driver_speed.")
-
-    def speed(self, drive: Drive) -> Float[Array, ""]:
-        """Speed of the belt [m/s]."""
-        if self.belt_speed is not None:
-            return self.belt_speed
-        assert self.driver_speed is not None  # as __check_init__ holds
-        return self.driver_speed * (drive.drives @ drive.radii)
-
-    def torques(self, drive: Drive) -> Float[Array, " pulleys"]:
-        """Torque taken from the belt by each pulley [N m]; the driver's balances the rest.
-
-        Raises `KeyError` for a torque on a pulley that the drive does not have.
-        """
-        for name in self.torque:
-            drive.pulley(name)
-        taken = jnp.stack([self.torque.get(name, jnp.zeros(())) for name in drive.pulley_names])
-        taken = taken * (1 - drive.drives)
-        balance = -(drive.drives @ drive.radii) * jnp.sum(taken / drive.radii)
-        return taken + drive.drives * balance
+    arm_curvature: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)
+    stretching_arcs: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)
+    belt_inertia: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)
+    schema: int = eqx.field(static=True, default=1)  # of the drive file it came with

@@ -15,16 +15,13 @@ from beltjax.drive.components import (
     SIDES,
     TRAVELS,
     Belt,
-    BeltGiven,
-    Drive,
-    ExcitationGiven,
-    OperatingPoint,
     Pulley,
     Tensioner,
-    TensionGiven,
     as_real,
     repeated_span,
 )
+from beltjax.drive.installation import BeltGiven, TensionGiven
+from beltjax.drive.operation import ExcitationGiven, OperatingPoint
 from beltjax.drive.quantities import (
     Meter,
     Newton,
@@ -37,6 +34,7 @@ from beltjax.drive.quantities import (
     in_unit,
     validated,
 )
+from beltjax.drive.system import Drive
 from beltjax.errors import FileError
 from beltjax.reading import read_toml
 from beltjax.writing import write_whole

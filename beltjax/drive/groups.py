@@ -5,8 +5,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.layout import Layout
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
 
 
 class Groups(eqx.Module):

@@ -1,8 +1,8 @@
-"""Geometry of the belt's path for any number of pulleys on either face.
+"""Geometry of the belts' paths for any number of pulleys on either face.
 
 Everything is written with the directions of the spans and dot products, so that no formula
-knows which pulley the arm carries or in which sense the pulleys are listed:
-docs/theory/geometry.md, (G1) to (G6).
+knows which pulleys a tensioner carries or in which sense the pulleys are listed:
+docs/theory/geometry.md, (G1) to (G6), and docs/theory/bodies.md.
 """
 
 from typing import NamedTuple
@@ -12,9 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from beltjax.drive.bodies import Bodies, bodies, placed
 from beltjax.drive.canonical import canonical_drive
-from beltjax.drive.components import Drive, as_real
+from beltjax.drive.components import as_flags
 from beltjax.drive.readable import Readable
+from beltjax.drive.system import Drive
 from beltjax.numerics.compilation import boundary_jit
 from beltjax.results import (
     RESULTS,
@@ -27,7 +29,8 @@ from beltjax.results import (
 class Layout(Readable):
     """Tangent points, spans and wraps of a drive, all [m] and [rad], in listed order.
 
-    Span i runs from pulley i to the next in the list. `normals` point into the loop.
+    Span i runs from pulley i to the next of its belt. `normals` point into the loop. Derivatives
+    are those by the tensioners' coordinates [rad] or [m].
     """
 
     centers: Float[Array, "pulleys 2"]
@@ -38,13 +41,30 @@ class Layout(Readable):
     span_lengths: Float[Array, " spans"]
     wraps: Float[Array, " pulleys"]  # not positive: contact lost
     arc_lengths: Float[Array, " pulleys"]
-    path_length: Float[Array, ""]
-    arm_length: Float[Array, ""]  # r_t; 1 where there is no tensioner
-    arm_angle: Float[Array, ""]  # alpha, direction of the arm from pivot to pulley
-    arm_normal: Float[Array, " spans"]  # d(w_i(l_i) - w_i(0))/d(theta_t) over r_t
-    arm_tangent: Float[Array, " spans"]  # the span's part of d(path)/d(theta_t), over r_t
-    alignment: Float[Array, "2"]  # (beta_in, beta_out) in [0, 2 pi)
+    path_lengths: Float[Array, " belts"]
+    coordinates: Float[Array, " coordinates"]  # at which it is
+    arms: Float[Array, "coordinates 2"]  # from each pivot to the pulleys that its body carries
+    span_pulls: Float[Array, "spans coordinates"]  # the span's part of d(path): S
+    span_turns: Float[Array, "spans coordinates"]  # d(w_i(l_i) - w_i(0)), inwards: a l
+    lifts: Float[Array, "spans coordinates"]  # d(w_i(0)), inwards: W0
+    # Of the distance along the span between the pulleys at its ends, twice: H.
+    curvatures: Float[Array, "spans coordinates coordinates"]
     result: RESULTS
+
+    @property
+    def path_length(self) -> Float[Array, ""]:
+        """Length of the path [m], of all belts together."""
+        return jnp.sum(self.path_lengths)
+
+    @property
+    def arm_length(self) -> Float[Array, ""]:
+        """Length of the first tensioner's arm, from pivot to pulley [m]."""
+        return jnp.sqrt(jnp.sum(self.arms[0] ** 2))
+
+    @property
+    def arm_angle(self) -> Float[Array, ""]:
+        """Direction of the first tensioner's arm, from pivot to pulley [rad], in (-pi, pi]."""
+        return jnp.arctan2(self.arms[0, 1], self.arms[0, 0])
 
 
 def perpendicular(vector: Float[Array, "... 2"]) -> Float[Array, "... 2"]:
@@ -57,6 +77,44 @@ def turned(vector: Float[Array, "2"], angle: Float[Array, ""]) -> Float[Array, "
     return jnp.cos(angle) * vector + jnp.sin(angle) * perpendicular(vector)
 
 
+class Loops:
+    """Which pulleys and spans form each belt's loop, from the loops' sizes."""
+
+    def __init__(self, sizes: tuple[int, ...]):
+        self.sizes = sizes
+        self.of_belt = np.repeat(np.eye(len(sizes)), sizes, axis=1)  # [belts, spans]
+        self.starts = np.cumsum([0, *sizes[:-1]])
+
+    def _rolled(self, values: Array, step: int) -> Array:
+        if len(self.sizes) == 1:
+            return jnp.roll(values, step, axis=0)
+        parts = [
+            jnp.roll(values[s : s + size], step, axis=0)
+            for s, size in zip(self.starts, self.sizes, strict=True)
+        ]
+        return jnp.concatenate(parts)
+
+    def following(self, values: Float[Array, "n *rest"]) -> Float[Array, "n *rest"]:
+        """What belongs to the next pulley or span of the same belt."""
+        return self._rolled(values, -1)
+
+    def preceding(self, values: Float[Array, "n *rest"]) -> Float[Array, "n *rest"]:
+        """What belongs to the pulley or span before, of the same belt."""
+        return self._rolled(values, 1)
+
+    def sums(self, values: Float[Array, "n *rest"]) -> Float[Array, "belts *rest"]:
+        """Sums over the pulleys or spans of each belt."""
+        if len(self.sizes) == 1:
+            return jnp.sum(values, axis=0)[None]
+        return jnp.tensordot(jnp.asarray(self.of_belt), values, 1)
+
+    def spread(self, values: Float[Array, " belts"]) -> Float[Array, " n"]:
+        """To every pulley or span what belongs to its belt."""
+        if len(self.sizes) == 1:
+            return jnp.broadcast_to(values, (self.sizes[0],))
+        return jnp.repeat(values, np.array(self.sizes), total_repeat_length=sum(self.sizes))
+
+
 class Outline(NamedTuple):
     """The numbers of a drive that its path depends on, stacked once."""
 
@@ -64,9 +122,8 @@ class Outline(NamedTuple):
     y: Float[Array, " pulleys"]
     radii: Float[Array, " pulleys"]
     faces: Float[Array, " pulleys"]
-    carried: Float[Array, " pulleys"]
-    sense: Float[Array, ""]
-    arm: Float[Array, "2"]  # from pivot to pulley, as drawn
+    senses: Float[Array, " pulleys"]
+    bodies: Bodies
 
 
 class Path(NamedTuple):
@@ -80,46 +137,44 @@ class Path(NamedTuple):
     wraps: Float[Array, " pulleys"]
     arc_lengths: Float[Array, " pulleys"]
     exists: Bool[Array, " spans"]  # whether the span's pulleys have a tangent
-    arm: Float[Array, "2"]
-    arm_length: Float[Array, ""]
-    arm_normal: Float[Array, " spans"]
-    arm_tangent: Float[Array, " spans"]
+    span_pulls: Float[Array, "spans coordinates"]
+    span_turns: Float[Array, "spans coordinates"]
+    lifts: Float[Array, "spans coordinates"]
+    curvatures: Float[Array, "spans coordinates coordinates"]
 
 
 def outline(drive: Drive) -> Outline:
     """The numbers that the path of `drive` depends on."""
     centers = drive.centers
-    sense = jax.lax.stop_gradient(drive.sense)
     return Outline(
-        centers[:, 0], centers[:, 1], drive.radii, drive.faces, drive.carried, sense, drive.arm
+        centers[:, 0], centers[:, 1], drive.radii, drive.faces, drive.senses, bodies(drive)
     )
 
 
-def belt_path(of: Outline, turn: Float[Array, ""]) -> Path:
-    """Path of the belt with the arm turned by `turn` from where it is drawn."""
-    arm = turned(of.arm, turn)
-    x = of.x + of.carried * (arm[0] - of.arm[0])
-    y = of.y + of.carried * (arm[1] - of.arm[1])
+def belt_path(of: Outline, loops: Loops, at: Float[Array, " coordinates"]) -> Path:
+    """Path of the belts with the tensioners' coordinates `at`, from where they are drawn."""
+    there = placed(of.bodies, of.x, of.y, of.bodies.carried, at)
+    x, y, following = there.x, there.y, loops.following
 
     # Components stay apart until the results are put together: joining and splitting small
     # arrays is most of what XLA would otherwise have to compile.
-    across, up = _following(x) - x, _following(y) - y
+    across, up = following(x) - x, following(y) - y
     foot = of.faces * of.radii
-    rise = _following(foot) - foot  # of the center line along the normal
+    rise = following(foot) - foot  # of the center line along the normal
     distance2 = across**2 + up**2
     exists = distance2 > rise**2
     distance2 = jnp.where(exists, distance2, 1.0 + rise**2)
     lengths = jnp.sqrt(distance2 - rise**2)
     # Where there is no tangent, any unit vector does: nothing downstream may be NaN.
-    along_x = jnp.where(exists, (lengths * across + of.sense * rise * up) / distance2, 1.0)
-    along_y = jnp.where(exists, (lengths * up - of.sense * rise * across) / distance2, 0.0)
+    along_x = jnp.where(exists, (lengths * across + of.senses * rise * up) / distance2, 1.0)
+    along_y = jnp.where(exists, (lengths * up - of.senses * rise * across) / distance2, 0.0)
 
-    wraps = _wraps(along_x, along_y, of.faces, of.sense)
-    arm_length = jnp.sqrt(arm[0] ** 2 + arm[1] ** 2)
-    side_x, side_y = -arm[1] / arm_length, arm[0] / arm_length
-    # The difference of a span's two ends is all that it feels of the arm: + for the span that
-    # ends there, - for the one that starts.
-    moved = _following(of.carried) - of.carried
+    wraps = _wraps(along_x, along_y, of, loops)
+    # The difference of a span's two ends is all that it feels of a body.
+    apart_x, apart_y = following(there.by_x) - there.by_x, following(there.by_y) - there.by_y
+    bent_x = following(there.twice_x) - there.twice_x
+    bent_y = following(there.twice_y) - there.twice_y
+    t_x, t_y, left = along_x[:, None], along_y[:, None], of.senses[:, None]
     return Path(
         x=x,
         y=y,
@@ -129,43 +184,48 @@ def belt_path(of: Outline, turn: Float[Array, ""]) -> Path:
         wraps=wraps,
         arc_lengths=of.radii * wraps,
         exists=exists,
-        arm=arm,
-        arm_length=arm_length,
-        arm_normal=moved * of.sense * (along_x * side_y - along_y * side_x),
-        arm_tangent=moved * (along_x * side_x + along_y * side_y),
+        span_pulls=t_x * apart_x + t_y * apart_y,
+        span_turns=left * (t_x * apart_y - t_y * apart_x),
+        lifts=left * (t_x * there.by_y - t_y * there.by_x),
+        curvatures=t_x[:, None] * bent_x + t_y[:, None] * bent_y,
     )
 
 
 def layout(
-    drive: Drive, arm_rotation: Float[Array, ""] | float = 0.0, *, throw: bool = True
+    drive: Drive, coordinates: Float[Array, " coordinates"] | float = 0.0, *, throw: bool = True
 ) -> Layout:
-    """Path of the belt with the arm turned by `arm_rotation` [rad] from where it is drawn.
+    """Path of the belts with the tensioners moved by `coordinates` from where they are drawn.
 
-    Pulleys are inside the loop or on its back; the path is that of a perfectly flexible belt.
+    One number for each tensioner [rad] or [m], or one for all. Pulleys are inside the loop or on
+    its back; the path is that of a perfectly flexible belt.
 
     Fails with `no_tangent`, `contact_lost` (a wrap that is not positive) or `path_not_simple`
     (not once round, or spans that cross). With `throw=False` read `.result`: values stay finite,
     and their derivatives zero, where a tangent does not exist.
     """
-    found = _layout(canonical_drive(drive), as_real(arm_rotation))
+    found = _layout(canonical_drive(drive), as_flags(coordinates))
     return raise_unless_successful(found, found.result, throw)
 
 
 @boundary_jit
-def _layout(drive: Drive, arm_rotation: Float[Array, ""]) -> Layout:
-    of = outline(drive)
-    path = belt_path(of, arm_rotation)
+def _layout(drive: Drive, coordinates: Float[Array, " coordinates"]) -> Layout:
+    of, loops = outline(drive), Loops(drive.loop_sizes)
+    at = jnp.broadcast_to(coordinates, (len(drive.tensioners),))
+    path = belt_path(of, loops, at)
     centers = jnp.stack([path.x, path.y], axis=-1)
     directions = jnp.stack([path.along_x, path.along_y], axis=-1)
-    normals = of.sense * perpendicular(directions)
+    normals = of.senses[:, None] * perpendicular(directions)
     foot = of.faces * of.radii
     starts = centers - foot[:, None] * normals
-    ends = jnp.roll(centers, -1, axis=0) - _following(foot)[:, None] * normals
+    ends = loops.following(centers) - loops.following(foot)[:, None] * normals
+    turned_round = loops.sums(of.faces * path.wraps)
+    same_belt = loops.of_belt.T @ loops.of_belt
     result = first_failure(
         (jnp.any(~path.exists), RESULTS.no_tangent),
-        (jnp.abs(jnp.sum(of.faces * path.wraps) - 2 * jnp.pi) > 1.0, RESULTS.path_not_simple),
+        (jnp.any(jnp.abs(turned_round - 2 * jnp.pi) > 1.0), RESULTS.path_not_simple),
         (jnp.any(path.wraps <= 0), RESULTS.contact_lost),
-        (jnp.any(crossings(starts, ends)), RESULTS.path_not_simple),
+        # Two belts run in planes of their own.
+        (jnp.any(crossings(starts, ends) & (same_belt > 0)), RESULTS.path_not_simple),
     )
     found = Layout(
         centers=centers,
@@ -176,15 +236,46 @@ def _layout(drive: Drive, arm_rotation: Float[Array, ""]) -> Layout:
         span_lengths=path.span_lengths,
         wraps=path.wraps,
         arc_lengths=path.arc_lengths,
-        path_length=jnp.sum(path.span_lengths) + jnp.sum(path.arc_lengths),
-        arm_length=path.arm_length,
-        arm_angle=jnp.arctan2(path.arm[1], path.arm[0]),
-        arm_normal=path.arm_normal,
-        arm_tangent=path.arm_tangent,
-        alignment=_alignment(drive, path.arm, directions),
+        path_lengths=loops.sums(path.span_lengths + path.arc_lengths),
+        coordinates=at,
+        arms=_arms(of, centers, at),
+        span_pulls=path.span_pulls,
+        span_turns=path.span_turns,
+        lifts=path.lifts,
+        curvatures=path.curvatures,
         result=result,
     )
     return frozen_where_failed(found, result)
+
+
+def _arms(of: Outline, centers, at) -> Float[Array, "coordinates 2"]:
+    """From each pivot to the middle of the pulleys that its body carries."""
+    parts = of.bodies
+    if not len(parts.rotary):
+        return jnp.zeros((0, 2))
+    apart = parts.above - jnp.eye(len(parts.rotary))
+    pivots = placed(parts, parts.pivots[:, 0], parts.pivots[:, 1], apart, at)
+    share = parts.carries.T / jnp.maximum(jnp.sum(parts.carries, axis=0), 1.0)[:, None]
+    return share @ centers - jnp.stack([pivots.x, pivots.y], axis=-1)
+
+
+def alignment_angles(drive: Drive, at: Layout) -> Float[Array, "coordinates 2"]:
+    """(beta_in, beta_out) of Figure 3.2 for each tensioner, in [0, 2 pi).
+
+    They are the arm's direction less that of the span which ends on the tensioner's pulley going
+    counterclockwise, and of the one which starts there.
+    """
+    on, loops = bodies(drive).carries.T, Loops(drive.loop_sizes)
+    met_in, met_out = on @ loops.preceding(at.directions), on @ at.directions
+    # Going counterclockwise, a clockwise list is met backwards.
+    forward = (on @ drive.senses > 0)[:, None]
+    first = jnp.where(forward, met_in, -met_out)
+    second = jnp.where(forward, met_out, -met_in)
+    angles = [
+        jnp.arctan2(at.arms[:, 1], at.arms[:, 0]) - jnp.arctan2(met[:, 1], met[:, 0])
+        for met in (first, second)
+    ]
+    return jnp.mod(jnp.stack(angles, axis=-1), 2 * jnp.pi)
 
 
 def crossings(
@@ -201,33 +292,21 @@ def crossings(
     return apart & apart.T
 
 
-def _following(values: Float[Array, " n"]) -> Float[Array, " n"]:
-    """What belongs to the next pulley or span in the list."""
-    return jnp.roll(values, -1)
-
-
-def _wraps(along_x, along_y, faces, sense) -> Float[Array, " pulleys"]:
+def _wraps(along_x, along_y, of: Outline, loops: Loops) -> Float[Array, " pulleys"]:
     """Angle by which each pulley turns the belt, positive where it touches it.
 
     In (-90, 270) degrees. Only a large pulley close to a small one takes more: then the belt would
     seem not to turn round at all.
     """
-    before_x, before_y = jnp.roll(along_x, 1), jnp.roll(along_y, 1)
+    before_x, before_y = loops.preceding(along_x), loops.preceding(along_y)
     cross = before_x * along_y - before_y * along_x
-    turn = faces * sense * jnp.arctan2(cross, before_x * along_x + before_y * along_y)
+    turn = of.faces * of.senses * jnp.arctan2(cross, before_x * along_x + before_y * along_y)
     turn = jnp.where(turn < -jnp.pi / 2, turn + 2 * jnp.pi, turn)
-    least = jnp.arange(len(turn)) == jnp.argmin(turn)
-    unturned = jnp.abs(jnp.sum(faces * turn)) < 1.0
-    misread = least & unturned & (turn < 0) & (faces > 0)
+    unturned = jnp.abs(loops.spread(loops.sums(of.faces * turn))) < 1.0
+    starts = loops.starts
+    least = jnp.stack(
+        [s + jnp.argmin(turn[s : s + size]) for s, size in zip(starts, loops.sizes, strict=True)]
+    )
+    is_least = jnp.any(jnp.arange(len(turn))[:, None] == least, axis=1)
+    misread = is_least & unturned & (turn < 0) & (of.faces > 0)
     return jnp.where(misread, turn + 2 * jnp.pi, turn)
-
-
-def _alignment(drive: Drive, arm, directions) -> Float[Array, "2"]:
-    """(beta_in, beta_out) of Figure 3.2; zero where there is no tensioner."""
-    if drive.tensioner is None:
-        return jnp.zeros(2)
-    ends, starts = jnp.roll(drive.carried, -1) @ directions, drive.carried @ directions
-    # Going counterclockwise, a clockwise list is met backwards.
-    met = jnp.where(drive.sense > 0, jnp.stack([ends, starts]), -jnp.stack([starts, ends]))
-    angle = jnp.arctan2(arm[1], arm[0]) - jnp.arctan2(met[:, 1], met[:, 0])
-    return jnp.mod(angle, 2 * jnp.pi)

@@ -9,7 +9,9 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from beltjax.drive.components import Drive, OperatingPoint, concrete
+from beltjax.drive.components import concrete
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
 from beltjax.drive.variables import unit_of, value_of, variable_names, with_values, wound_alike
 
 TORQUE = "operation.torque."

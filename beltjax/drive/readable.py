@@ -144,7 +144,7 @@ def _rows(module: Readable) -> Iterator[tuple[str, str, str]]:
                 yield f"{name} {key}", *_told(key if name == "values" else name, item)
             continue
         for part in _parts(value):
-            if isinstance(part, Readable) and type(part).__module__ == type(module).__module__:
+            if isinstance(part, Readable) and _is_of_drive(part) and _is_of_drive(module):
                 one = f"{type(part).__name__.lower()} {getattr(part, 'name', '')}"
                 label = name if part is value else one.rstrip()
                 yield label, ", ".join(_inline(part)), ""
@@ -156,11 +156,16 @@ def _rows(module: Readable) -> Iterator[tuple[str, str, str]]:
                 yield (name, sign, "") if sign else (name, *_told(name, part))
 
 
+def _is_of_drive(module: Readable) -> bool:
+    """Whether a module describes a drive, or a part of it."""
+    return type(module).__module__.startswith("beltjax.drive.")
+
+
 def _inline(module: Readable) -> Iterator[str]:
     """What a part holds, in words of one line; its name stands before them."""
     for name, value, unit in _rows(module):
-        if name != "name" and not (name in ("driver", "on_arm") and value == "0"):
-            flag = name in ("driver", "on_arm")
+        if name != "name" and not (name in ("driver", "housed") and value == "0"):
+            flag = name in ("driver", "housed")
             yield name if flag else f"{name} {value} {unit}".rstrip()
 
 

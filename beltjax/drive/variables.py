@@ -8,9 +8,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from beltjax.drive.components import BeltGiven, Drive
+from beltjax.drive.installation import BeltGiven
 from beltjax.drive.layout import turned
 from beltjax.drive.readable import UNITS
+from beltjax.drive.system import Drive
 
 ANGLE, ARM_LENGTH = "tensioner.angle", "tensioner.arm_length"
 _CENTER = {"x": 0, "y": 1}

@@ -7,8 +7,10 @@ from rich.console import Group
 from rich.markup import escape
 
 from beltjax.analysis.contact import ContactState
-from beltjax.drive.components import BeltGiven, Drive, OperatingPoint
+from beltjax.drive.installation import BeltGiven
 from beltjax.drive.layout import layout
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
 from beltjax.report.diagnosis import Diagnosis, speed_key, travel_lead
 from beltjax.report.documents import plain
 from beltjax.report.tables import number, plain_table

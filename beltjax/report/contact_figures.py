@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from beltjax.analysis.contact import ContactState
 from beltjax.analysis.contact_path import BeltPiece, belt_pieces, span_deflection
 from beltjax.analysis.steady import SteadyState
-from beltjax.drive.components import Drive
+from beltjax.drive.system import Drive
 from beltjax.report.figures import AFTER, ARM, BEFORE
 
 COLORS = {"span": AFTER, "adhesion": "#009E73", "slip": ARM}

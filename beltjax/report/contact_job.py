@@ -8,8 +8,9 @@ import jax
 from beltjax.analysis.contact import ContactState, Law, asked, contact_solution, without_friction
 from beltjax.analysis.steady import SteadyState, steady_state
 from beltjax.drive.canonical import canonical
-from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.files import load_drive
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
 from beltjax.errors import FileError
 from beltjax.numerics.compilation import quickly_compiled
 from beltjax.report.contact import contact_document, contact_tables, diagnose_contact

@@ -9,8 +9,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from beltjax.analysis.sweep import Sweep
-from beltjax.drive.components import Drive
 from beltjax.drive.numbers import SPEEDS
+from beltjax.drive.system import Drive
 
 RPM = 60 / (2 * np.pi)  # of 1 rad/s
 _MANY = 10  # curves above which a legend would hide the picture

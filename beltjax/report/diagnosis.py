@@ -12,8 +12,10 @@ from beltjax.analysis.reference import LARGEST_STRAIN
 from beltjax.analysis.steady import SteadyState, steady_state
 from beltjax.drive.canonical import canonical
 from beltjax.drive.checks import drawn_arm_angle, layout_fault
-from beltjax.drive.components import BeltGiven, Drive, OperatingPoint
+from beltjax.drive.installation import BeltGiven
 from beltjax.drive.layout import layout
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
 from beltjax.numerics.compilation import quickly_compiled
 from beltjax.results import RESULTS, explanation, succeeded
 

@@ -11,7 +11,8 @@ from beltjax.analysis.modes import Modes
 from beltjax.analysis.sensitivity import Sensitivities, named_numbers
 from beltjax.analysis.steady import SteadyState
 from beltjax.drive.checks import drawn_arm_angle
-from beltjax.drive.components import Drive, OperatingPoint
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
 from beltjax.report.schema import VERSION
 from beltjax.report.warnings import steady_warnings
 from beltjax.results import RESULTS, succeeded

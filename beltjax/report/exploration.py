@@ -13,9 +13,9 @@ import numpy as np
 from rich.console import Group
 from rich.markup import escape
 
-from beltjax.drive.components import Drive
 from beltjax.drive.files import load_drive
 from beltjax.drive.numbers import require_numbers, unit_of_number
+from beltjax.drive.system import Drive
 from beltjax.errors import FileError
 from beltjax.report.documents import plain
 from beltjax.report.jobs import Report

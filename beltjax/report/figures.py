@@ -10,8 +10,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from beltjax.analysis.modes import Modes
-from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.layout import Layout, turned
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
 from beltjax.report.documents import mode_labels
 
 # Okabe and Ito's palette, which people with any color vision can tell apart.

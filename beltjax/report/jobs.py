@@ -13,8 +13,8 @@ from rich.console import RenderableType
 from beltjax.analysis.linearization import has_inertias
 from beltjax.analysis.sensitivity import canonical_sensitivities, in_names_of
 from beltjax.drive.canonical import canonical
-from beltjax.drive.components import Drive
 from beltjax.drive.files import drive_bytes, load_drive
+from beltjax.drive.system import Drive
 from beltjax.drive.units import shown
 from beltjax.errors import FileError
 from beltjax.numerics.bases import Legendre

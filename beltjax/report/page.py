@@ -13,8 +13,9 @@ from matplotlib.figure import Figure
 
 from beltjax.analysis.linearization import has_inertias
 from beltjax.analysis.sweep import sweep
-from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.numbers import number_value
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
 from beltjax.report.curves import sweep_figure
 from beltjax.report.documents import span_label
 from beltjax.report.figures import before_and_after

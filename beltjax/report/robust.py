@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 from rich.console import Group
 from rich.markup import escape
 
-from beltjax.drive.components import Drive
 from beltjax.drive.files import load_drive
 from beltjax.drive.numbers import require_numbers, unit_of_number
+from beltjax.drive.system import Drive
 from beltjax.errors import FileError
 from beltjax.report.jobs import Report
 from beltjax.report.requests import asked, read_named, read_size

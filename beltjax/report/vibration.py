@@ -8,7 +8,7 @@ from rich.markup import escape
 
 from beltjax.analysis.response import Response
 from beltjax.analysis.sweep import Sweep
-from beltjax.drive.components import Drive
+from beltjax.drive.system import Drive
 from beltjax.report.curves import RPM
 from beltjax.report.documents import plain, span_label
 from beltjax.report.tables import number, plain_table

@@ -13,9 +13,10 @@ from beltjax.analysis.damping import Damping
 from beltjax.analysis.response import Excitation, Response, speed_response
 from beltjax.analysis.sweep import CHUNK, Sweep, require_count, sweep
 from beltjax.drive.canonical import canonical, canonical_name
-from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.files import load_drive
 from beltjax.drive.numbers import require_number, unit_of_number
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
 from beltjax.errors import FileError
 from beltjax.numerics.compilation import in_chunks, quickly_compiled
 from beltjax.report.jobs import Report, require_few_pulleys, require_inertias

@@ -8,7 +8,8 @@ from rich.text import Text
 from beltjax.analysis.response import Response
 from beltjax.analysis.steady import STIFFEST, SteadyState, steady_state
 from beltjax.analysis.sweep import Sweep
-from beltjax.drive.components import Drive, OperatingPoint
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
 from beltjax.results import succeeded, successes
 
 Warnings = list[dict[str, str]]

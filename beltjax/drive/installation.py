@@ -1,0 +1,77 @@
+"""What an installation holds: a tension, or the belt and where the springs are relaxed."""
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from beltjax.drive.components import TENSIONS_OF, as_flags, as_optional, as_real
+from beltjax.drive.readable import Readable
+
+
+class TensionGiven(Readable):
+    """The drawn layout is the torque-free state and `tension` its tension at rest.
+
+    That is the tension in the middle of the free spans. `steady_state` takes the belt for a string
+    there, which for a belt that is stiff for its pulleys it is not: `contact_state` finds the
+    belt whose real tension this is, or with `tension_of="string"` the belt that would have this
+    tension if it were a string, the one that `steady_state` is about.
+
+    They fix the unstretched length of the belt and the free angle of the arm; torques then
+    move the arm and the tensions. `span_tensions`, for comparison with print, names the
+    tension of every span instead: the drawn layout is kept and torques are not used.
+    """
+
+    tension: Float[Array, "*belts"] = eqx.field(converter=as_real)  # P0 [N]; of several belts each
+    span_tensions: Float[Array, " spans"] | None = eqx.field(converter=as_optional, default=None)
+    tension_of: str = eqx.field(static=True, default="belt")
+    # Where a spring that the tension does not settle is relaxed, NaN for the others: the springs of
+    # the tensioners, then the arm springs. Only more springs than coordinates need it.
+    free: Float[Array, " springs"] | None = eqx.field(converter=as_optional, default=None)
+
+    def __check_init__(self):
+        if self.tension_of not in TENSIONS_OF:
+            known = ", ".join(map(repr, TENSIONS_OF))
+            raise ValueError(f"TensionGiven: tension_of {self.tension_of!r} is not one of {known}.")
+
+
+class BeltGiven(Readable):
+    """The belt and the springs' free positions are held; coordinates and tensions follow.
+
+    For one arm give `free_angle`, else `free`: the coordinate at which each spring is relaxed,
+    the tensioners' own first, then the difference of coordinates of each arm spring.
+    """
+
+    belt_length: Float[Array, "*belts"] = eqx.field(converter=as_real)  # unstretched [m]
+    free_angle: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)
+    # free_angle [rad] is the direction of the arm, from pivot to pulley, with its spring relaxed:
+    # as many turns from the drawn direction, which is in (-pi, pi], as the spring is wound.
+    free: Float[Array, " springs"] | None = eqx.field(converter=as_optional, default=None)
+
+
+class AdjustedToTension(Readable):
+    """A locked tensioner is moved until the given belt has the given tension, and bolted.
+
+    `adjusted` is 1 at the place of that tensioner. Sprung tensioners stand as drawn; the free
+    positions of their springs follow as under `TensionGiven`.
+    """
+
+    belt_length: Float[Array, "*belts"] = eqx.field(converter=as_real)  # unstretched [m]
+    tension: Float[Array, "*belts"] = eqx.field(converter=as_real)  # P0 [N]
+    adjusted: Float[Array, " coordinates"] = eqx.field(converter=as_flags)
+    free: Float[Array, " springs"] | None = eqx.field(converter=as_optional, default=None)
+
+
+class AdjustedToMark(Readable):
+    """A locked tensioner is moved until a sprung one stands at its mark, and bolted.
+
+    `adjusted` is 1 at the place of the first, `marked` at that of the second, whose coordinate
+    `mark` is [rad] or [m]. The belt and the springs' free positions are given as in `BeltGiven`.
+    """
+
+    belt_length: Float[Array, "*belts"] = eqx.field(converter=as_real)  # unstretched [m]
+    free: Float[Array, " springs"] = eqx.field(converter=as_flags)
+    adjusted: Float[Array, " coordinates"] = eqx.field(converter=as_flags)
+    marked: Float[Array, " coordinates"] = eqx.field(converter=as_flags)
+    mark: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)
+
+
+Installation = TensionGiven | BeltGiven | AdjustedToTension | AdjustedToMark

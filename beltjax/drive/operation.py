@@ -1,0 +1,67 @@
+"""How a drive runs: speed, torques, and what shakes it."""
+
+from typing import ClassVar
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+from beltjax.drive.components import TRAVELS, as_optional, as_real, as_travel
+from beltjax.drive.readable import Readable
+from beltjax.drive.shafts import transmission
+from beltjax.drive.system import Drive
+
+
+class ExcitationGiven(Readable):
+    """What shakes the drive, by the drive file: the default of `beltjax response`.
+
+    Amplitudes are zero to peak, at `order` times the driver's speed.
+    """
+
+    crank: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)  # [rad]
+    order: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)
+    torque: dict[str, Float[Array, ""]] = eqx.field(
+        converter=lambda torque: {name: as_real(value) for name, value in torque.items()},
+        default_factory=dict,
+    )  # [N m], by name of pulley, in the direction of belt travel
+
+
+class OperatingPoint(Readable):
+    """How the drive runs: its speed, and the torque each accessory takes from the belt.
+
+    Give `belt_speed`, or `driver_speed` from which it follows. `mass_flow` replaces the
+    belt's mass per length in contact mechanics. The driver balances the torques; one given for
+    it counts for nothing, so that batches may mix which pulley drives (a drive file refuses it).
+    `excitation` concerns forced vibration alone.
+    """
+
+    words: ClassVar = {"travel": TRAVELS}
+
+    belt_speed: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)  # [m/s]
+    driver_speed: Float[Array, ""] | None = eqx.field(
+        converter=as_optional, default=None
+    )  # [rad/s]
+    mass_flow: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)  # [kg/s]
+    torque: dict[str, Float[Array, ""]] = eqx.field(
+        converter=lambda torque: {name: as_real(value) for name, value in torque.items()},
+        default_factory=dict,
+    )  # [N m], by name of pulley
+    travel: Float[Array, ""] = eqx.field(converter=as_travel, default="listed")
+    excitation: ExcitationGiven | None = None
+
+    def __check_init__(self):
+        if (self.belt_speed is None) == (self.driver_speed is None):
+            raise ValueError("OperatingPoint: give either belt_speed or driver_speed.")
+
+    def speed(self, drive: Drive) -> Float[Array, ""]:
+        """Speed of the belt [m/s]; of several, that of the driver's."""
+        if self.belt_speed is not None:
+            return self.belt_speed
+        assert self.driver_speed is not None  # as __check_init__ holds
+        return self.driver_speed * (drive.drives @ drive.radii)
+
+    def torques(self, drive: Drive) -> Float[Array, " pulleys"]:
+        """Torque taken from its belt by each pulley [N m]; the driver's balances the rest.
+
+        Raises `KeyError` for a torque on a pulley that the drive does not have.
+        """
+        return transmission(drive, self).torques

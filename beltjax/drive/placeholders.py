@@ -1,0 +1,83 @@
+"""Numbers that no drive can have, kept from spoiling a batch."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Array, Bool
+
+from beltjax.drive.bodies import bodies
+from beltjax.drive.components import NO_STOPS
+from beltjax.drive.installation import TensionGiven
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
+
+Numbers = tuple[Drive, OperatingPoint]
+
+
+def usable(drive: Drive, point: OperatingPoint) -> Bool[Array, ""]:
+    """Whether all numbers are finite, and those positive that must be."""
+    rule = drive.installation
+    positive: list[Any] = [drive.radii]
+    positive += [belt.axial_stiffness for belt in drive.belts]
+    positive += [belt.mass_per_length for belt in drive.belts]
+    positive += [rule.tension if isinstance(rule, TensionGiven) else rule.belt_length]
+    not_negative = [belt.bending_stiffness for belt in drive.belts]
+    not_negative += [body.stiffness for body in drive.tensioners]
+    # Stops may be infinite, and free positions that are not given are NaN.
+    judged = eqx.tree_at(
+        lambda d: ([body.stops for body in d.tensioners], d.installation.free),
+        drive,
+        ([None] * len(drive.tensioners), None),
+        is_leaf=lambda leaf: leaf is None,
+    )
+    numbers, _ = ravel_pytree((judged, point))
+    least = jnp.min(jnp.concatenate([jnp.ravel(number) for number in positive]))
+    floor = jnp.min(jnp.stack(not_negative))
+    good = jnp.all(jnp.isfinite(numbers)) & (least > 0) & (floor >= 0)
+    if drive.tensioners:
+        stops = bodies(drive).stops
+        good = good & jnp.all(stops[:, 0] <= stops[:, 1])
+    return good
+
+
+def harmless(drive: Drive, point: OperatingPoint, good: Bool[Array, ""]) -> Numbers:
+    """The drive and point where `good`; elsewhere rings of like pulleys, without derivatives.
+
+    Computing goes on with it, so that every number stays finite; the result tells.
+    """
+    centers = []
+    for size in drive.loop_sizes:
+        turns = 2 * jnp.pi * jnp.arange(size) / size
+        centers += [*(10.0 * jnp.stack([jnp.cos(turns), jnp.sin(turns)], axis=-1))]
+    ones = jax.tree.map(jnp.ones_like, (drive, point))
+    count = len(drive.tensioners)
+
+    def places(n: Numbers) -> list[Any]:
+        mounted, where = [body.on for body in n[0].tensioners], n[0].pulleys
+        return [
+            *(pulley.center for pulley in where),
+            *(belt.axial_stiffness for belt in n[0].belts),
+            *(belt.bending_stiffness for belt in n[0].belts),
+            *(speed for speed in (n[1].belt_speed, n[1].driver_speed) if speed is not None),
+            *(pulley.on for pulley in where),
+            *mounted,
+            *(body.stops for body in n[0].tensioners),
+        ]
+
+    belts = len(drive.belts)
+    nominal = eqx.tree_at(
+        places,
+        ones,
+        [
+            *centers,
+            *[jnp.array(1e3)] * belts,
+            *[jnp.array(1e-3)] * belts,
+            jnp.array(0.0),
+            *[jnp.zeros(count)] * (len(drive.pulleys) + count),
+            *[jnp.array(NO_STOPS)] * count,
+        ],
+    )
+    return jax.tree.map(lambda a, b: jnp.where(good, a, b), (drive, point), nominal)

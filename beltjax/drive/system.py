@@ -1,0 +1,306 @@
+"""A whole drive: its belts, pulleys and bodies, and which belongs to which."""
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any, ClassVar
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from beltjax.drive.components import (
+    SENSES,
+    ArmSpring,
+    Belt,
+    Damper,
+    Isolator,
+    Model,
+    Pulley,
+    Tensioner,
+    as_sense,
+    concrete,
+    require_shape,
+)
+from beltjax.drive.installation import BeltGiven, Installation, TensionGiven
+from beltjax.drive.readable import Readable
+
+
+def span_names(pulleys: Sequence[str]) -> tuple[str, ...]:
+    """Names 'a-b' of the spans between pulleys of these names, in listed order."""
+    following = (*pulleys[1:], *pulleys[:1])
+    return tuple(f"{a}-{b}" for a, b in zip(pulleys, following, strict=True))
+
+
+def repeated_name(names: Sequence[str]) -> str | None:
+    """The first of `names` that stands there twice."""
+    return next((name for name in names if names.count(name) > 1), None)
+
+
+class Drive(Readable):
+    """A belt drive: belts, pulleys, and the tensioners, springs and isolators that move them.
+
+    Pulleys are listed belt after belt, those of a belt in the order in which they are met going
+    round its loop. `belt` and `tensioner` take one object or a tuple of several. Every number is a
+    leaf, so the gradient of anything with respect to a drive is a drive.
+
+    Raises `ValueError` for what is wrong whatever the numbers: a belt with fewer than two pulleys,
+    names that repeat, not exactly one driver, a tensioner on one that comes after it, belts and
+    shafts that form a ring.
+    """
+
+    words: ClassVar = {"sense": SENSES}
+
+    belts: tuple[Belt, ...]
+    pulleys: tuple[Pulley, ...]
+    installation: Installation
+    tensioners: tuple[Tensioner, ...]
+    arm_springs: tuple[ArmSpring, ...]
+    isolators: tuple[Isolator, ...]
+    dampers: tuple[Damper, ...]
+    model: Model
+    sense: Float[Array, "*belts"] = eqx.field(converter=as_sense)  # of several belts, each
+    name: str = eqx.field(static=True)
+
+    def __init__(
+        self,
+        belt: Belt | Sequence[Belt] | None = None,
+        pulleys: Sequence[Pulley] = (),
+        installation: Installation | None = None,
+        tensioner: Tensioner | Sequence[Tensioner] | None = None,
+        sense: Any = "counterclockwise",
+        name: str = "drive",
+        *,
+        belts: Sequence[Belt] = (),
+        tensioners: Sequence[Tensioner] = (),
+        arm_springs: Sequence[ArmSpring] = (),
+        isolators: Sequence[Isolator] = (),
+        dampers: Sequence[Damper] = (),
+        model: Model | None = None,
+    ):
+        if installation is None:
+            raise ValueError("A drive needs an installation: TensionGiven, BeltGiven or another.")
+        self.belts = _several(belt, Belt) or tuple(belts)
+        tensioners = _several(tensioner, Tensioner) or tuple(tensioners)
+        count = len(tensioners)
+        self.pulleys = tuple(_on_bodies(pulley, count) for pulley in pulleys)
+        self.tensioners = tuple(_on_bodies(body, count) for body in tensioners)
+        self.installation = installation
+        self.arm_springs = tuple(arm_springs)
+        self.isolators, self.dampers = tuple(isolators), tuple(dampers)
+        self.model = Model() if model is None else model
+        self.sense, self.name = sense, name
+
+    def __check_init__(self):
+        if not self.belts:
+            raise ValueError("A drive needs a belt.")
+        require_distinct("belts", [belt.name for belt in self.belts])
+        require_distinct("tensioners", [body.name for body in self.tensioners])
+        require_distinct("pulleys", self.pulley_names)
+        self._check_loops()
+        repeated = repeated_name(self.span_names)
+        if repeated is not None:
+            raise ValueError(f"Two spans would be called {repeated!r}: rename a pulley.")
+        drivers = _flags([pulley.driver for pulley in self.pulleys])
+        if drivers is not None and np.sum(drivers) != 1:
+            found = f"{np.sum(drivers):g} are marked"
+            raise ValueError(f"Pulley.driver: exactly one pulley drives, but {found}.")
+        self._check_bodies()
+        self._check_installation()
+
+    def _check_loops(self) -> None:
+        names = [belt.name for belt in self.belts]
+        for pulley in self.pulleys:
+            if pulley.belt not in (None, *names) or (pulley.belt is None and len(names) > 1):
+                raise ValueError(
+                    f"Pulley {pulley.name!r}: belt is {pulley.belt!r}; give one of "
+                    f"{', '.join(names)}."
+                )
+            if pulley.shaft not in (None, *self.pulley_names):
+                raise ValueError(
+                    f"Pulley {pulley.name!r}: there is no pulley {pulley.shaft!r} to share a shaft."
+                )
+        places = [self._belt_place(pulley) for pulley in self.pulleys]
+        if places != sorted(places):
+            raise ValueError("Pulleys are listed belt after belt, in the order of the belts.")
+        for name, size in zip(names, self.loop_sizes, strict=True):
+            if size < 2:
+                which = "A drive" if len(names) == 1 else f"Belt {name!r}"
+                raise ValueError(f"{which} has at least two pulleys, not {size}.")
+        if len(self.shafts) != len(self.pulleys) - len(self.belts) + 1:
+            raise ValueError(
+                "Belts and shafts must form one tree: every belt shares a shaft with another, and "
+                "none two with the same; otherwise the split of the load is not determined."
+            )
+
+    def _check_bodies(self) -> None:
+        count = len(self.tensioners)
+        for what, part, flags in (
+            *((f"Pulley {p.name!r}", p, p.on) for p in self.pulleys),
+            *((f"Tensioner {t.name!r}", t, t.on) for t in self.tensioners),
+        ):
+            if flags.ndim == 1:
+                require_shape(what, flags, (count,), "on, a flag for each tensioner,")
+            marked = _flags([flags])
+            if marked is not None and np.sum(marked) > 1:
+                raise ValueError(f"{what}: is on {np.sum(marked):g} tensioners; one may carry it.")
+        for place, body in enumerate(self.tensioners):
+            marked = _flags([body.on])
+            if marked is not None and np.any(marked[0][place:]):
+                raise ValueError(
+                    f"Tensioner {body.name!r}: the tensioner it is on comes before it in the list."
+                )
+        for spring in self.arm_springs:
+            if spring.between.ndim == 1:
+                what = f"ArmSpring {spring.name!r}"
+                require_shape(what, spring.between, (count,), "between, for each tensioner,")
+        for flags in (*(i.pulleys for i in self.isolators), *(d.pulley for d in self.dampers)):
+            if flags.ndim == 1:
+                size = (len(self.pulleys),)
+                require_shape("Isolator or Damper", flags, size, "a flag for each pulley")
+
+    def _check_installation(self) -> None:
+        rule, springs = self.installation, len(self.tensioners) + len(self.arm_springs)
+        if isinstance(rule, BeltGiven):
+            given = (rule.free is not None) + (rule.free_angle is not None)
+            if given != bool(springs):
+                raise ValueError(
+                    "BeltGiven: free_angle, or free, is given exactly when there is a tensioner."
+                )
+            if rule.free_angle is not None and len(self.tensioners) != 1:
+                raise ValueError("BeltGiven: free_angle is that of one arm; give free for several.")
+        if isinstance(rule, TensionGiven) and rule.span_tensions is not None:
+            require_shape("TensionGiven", rule.span_tensions, (len(self.pulleys),), "span_tensions")
+        if rule.free is not None and rule.free.ndim == 1:
+            require_shape("installation", rule.free, (springs,), "free, for each spring,")
+
+    def _belt_place(self, pulley: Pulley) -> int:
+        names = [belt.name for belt in self.belts]
+        return 0 if pulley.belt is None else names.index(pulley.belt)
+
+    @property
+    def belt(self) -> Belt:
+        """The belt, or the first of several."""
+        return self.belts[0]
+
+    @property
+    def tensioner(self) -> Tensioner | None:
+        """The tensioner, if there is exactly one."""
+        return self.tensioners[0] if len(self.tensioners) == 1 else None
+
+    @property
+    def loop_sizes(self) -> tuple[int, ...]:
+        """Number of pulleys, and of spans, of each belt."""
+        places = [self._belt_place(pulley) for pulley in self.pulleys]
+        return tuple(places.count(place) for place in range(len(self.belts)))
+
+    @property
+    def belt_of_span(self) -> np.ndarray:
+        """Place of the belt that each pulley and span belongs to."""
+        return np.repeat(np.arange(len(self.belts)), self.loop_sizes)
+
+    @property
+    def shafts(self) -> tuple[tuple[int, ...], ...]:
+        """Places of the pulleys on each shaft, in the order of the shafts' first pulleys."""
+        return joined_shafts([(p.name, p.shaft) for p in self.pulleys])
+
+    @property
+    def pulley_names(self) -> tuple[str, ...]:
+        """Names of the pulleys, in listed order."""
+        return tuple(pulley.name for pulley in self.pulleys)
+
+    @property
+    def span_names(self) -> tuple[str, ...]:
+        """Names 'a-b' of the spans: span i runs from pulley i to the next of its belt."""
+        names, sizes = self.pulley_names, self.loop_sizes
+        starts = np.cumsum([0, *sizes[:-1]])
+        loops = (names[s : s + size] for s, size in zip(starts, sizes, strict=True))
+        return tuple(name for loop in loops for name in span_names(loop))
+
+    def pulley(self, name: str) -> int:
+        """Place of the pulley of that name in the list; raises `KeyError` if there is none."""
+        if name not in self.pulley_names:
+            raise KeyError(f"no pulley {name!r}; there are {', '.join(self.pulley_names)}")
+        return self.pulley_names.index(name)
+
+    def span(self, name: str) -> int:
+        """Place of the span 'a-b' in the list; raises `KeyError` if there is none."""
+        if name not in self.span_names:
+            raise KeyError(f"no span {name!r}; there are {', '.join(self.span_names)}")
+        return self.span_names.index(name)
+
+    def body(self, name: str) -> int:
+        """Place of the tensioner of that name in the list; raises `KeyError` if there is none."""
+        names = [body.name for body in self.tensioners]
+        if name not in names:
+            raise KeyError(f"no tensioner {name!r}; there are {', '.join(names) or 'none'}")
+        return names.index(name)
+
+    @property
+    def centers(self) -> Float[Array, "pulleys 2"]:
+        """Centers of the pulleys in the drawn layout [m]."""
+        return jnp.stack([pulley.center for pulley in self.pulleys])
+
+    @property
+    def radii(self) -> Float[Array, " pulleys"]:
+        """Radii of the pulleys, to the belt's neutral axis [m]."""
+        return jnp.stack([pulley.radius for pulley in self.pulleys])
+
+    @property
+    def faces(self) -> Float[Array, " pulleys"]:
+        """+1 for a pulley inside the loop, -1 for one on the back of the belt."""
+        return jax.lax.stop_gradient(jnp.stack([pulley.face for pulley in self.pulleys]))
+
+    @property
+    def senses(self) -> Float[Array, " pulleys"]:
+        """For each pulley, +1 if its belt's pulleys are listed counterclockwise, -1 if not."""
+        sense = jnp.broadcast_to(jax.lax.stop_gradient(self.sense), (len(self.belts),))
+        return sense[self.belt_of_span]
+
+    @property
+    def drives(self) -> Float[Array, " pulleys"]:
+        """1 for the driver, 0 for the others."""
+        return jax.lax.stop_gradient(jnp.stack([pulley.driver for pulley in self.pulleys]))
+
+
+def require_distinct(what: str, names: Sequence[str]) -> None:
+    """Raise `ValueError` when two of `names` are the same."""
+    if len(set(names)) < len(names):
+        raise ValueError(f"Names of {what} repeat: {', '.join(names)}.")
+
+
+def joined_shafts(pulleys: Sequence[tuple[str, str | None]]) -> tuple[tuple[int, ...], ...]:
+    """Places on each shaft, of pulleys by their names and those of a pulley on the same shaft."""
+    names = [name for name, _ in pulleys]
+    shaft_of = list(range(len(names)))
+    for place, (_, other) in enumerate(pulleys):
+        if other is not None:
+            one, two = shaft_of[place], shaft_of[names.index(other)]
+            shaft_of = [min(one, two) if k in (one, two) else k for k in shaft_of]
+    return tuple(
+        tuple(place for place, shaft in enumerate(shaft_of) if shaft == first)
+        for first in dict.fromkeys(shaft_of)
+    )
+
+
+def _several(given: Any, kind: type) -> tuple[Any, ...]:
+    return (given,) if isinstance(given, kind) else tuple(given or ())
+
+
+def _on_bodies(part: Any, count: int) -> Any:
+    """`part`, its flags `on` those of `count` tensioners where none are given."""
+    flags = part.on
+    if count == 0 or (flags.ndim == 1 and len(flags)):
+        return part
+    return dataclasses.replace(part, on=np.zeros((*flags.shape[:-1], count)))
+
+
+def _flags(flags: Sequence[Any]) -> np.ndarray | None:
+    """Flags as numbers, unless JAX traces or batches them."""
+    found = [concrete(flag) for flag in flags]
+    if any(flag is None or flag.ndim > 1 for flag in found):
+        return None
+    if len({flag.shape for flag in found if flag is not None}) != 1:
+        return None
+    return np.stack([flag for flag in found if flag is not None])
