@@ -1,7 +1,6 @@
 """The physical description of a drive in SI units: immutable pytrees whose leaves are numbers."""
 
-import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import equinox as eqx

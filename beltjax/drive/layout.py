@@ -7,7 +7,6 @@ docs/theory/geometry.md, (G1) to (G6), and docs/theory/bodies.md.
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
