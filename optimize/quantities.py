@@ -19,7 +19,7 @@ from beltjax.analysis.linearization import Linearization, has_inertias, lineariz
 from beltjax.analysis.modes import Modes, modes
 from beltjax.analysis.response import Excitation, Response, frequency_response
 from beltjax.analysis.steady import SteadyState
-from beltjax.drive.checks import clearances
+from beltjax.drive.buildable import clearances
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import Legendre

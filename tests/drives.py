@@ -10,7 +10,7 @@ import numpy as np
 
 import beltjax as bj
 from beltjax.analysis.sensitivity import named_numbers
-from beltjax.drive.checks import clearances
+from beltjax.drive.buildable import clearances
 from beltjax.numerics.compilation import quickly_compiled
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

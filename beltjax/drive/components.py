@@ -10,6 +10,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
+from beltjax.drive.fields import number
 from beltjax.drive.readable import Readable
 
 SIDES = {"grooved": 1.0, "back": -1.0}
@@ -18,6 +19,12 @@ TENSIONS_OF = ("belt", "string")
 TRAVELS = {"listed": 1.0, "opposite": -1.0}
 KINDS = {"rotary": 1.0, "linear": 0.0}
 NO_STOPS = (-np.inf, np.inf)
+# Units of a coordinate and of what goes with it, by the kind of tensioner.
+COORDINATE = {"rotary": "rad", "linear": "m"}
+STIFFNESS = {"rotary": "N m/rad", "linear": "N/m"}
+DAMPING = {"rotary": "N m s/rad", "linear": "N s/m"}
+INERTIA = {"rotary": "kg m^2", "linear": "kg"}
+LARGEST_BARE_RADIUS = 5.0  # [m]; above it most bare numbers are millimeters
 
 
 def as_real(value: Any) -> Array:
@@ -99,10 +106,20 @@ def require_shape(what: str, value: Array, shape: tuple[int, ...], meaning: str)
 class Belt(Readable):
     """A belt: a uniform, extensible beam."""
 
-    axial_stiffness: Float[Array, ""] = eqx.field(converter=as_real)  # EA [N]
-    bending_stiffness: Float[Array, ""] = eqx.field(converter=as_real)  # EI [N m^2]
-    mass_per_length: Float[Array, ""] = eqx.field(converter=as_real)  # unstretched [kg/m]
-    thickness: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)  # [m]
+    axial_stiffness: Float[Array, ""] = eqx.field(
+        converter=as_real, metadata=number("N", "EA", above=0, design=True)
+    )
+    bending_stiffness: Float[Array, ""] = eqx.field(
+        converter=as_real, metadata=number("N m^2", "EI; 0 is a string", at_least=0, design=True)
+    )
+    mass_per_length: Float[Array, ""] = eqx.field(
+        converter=as_real, metadata=number("kg/m", "of the unstretched belt", above=0, design=True)
+    )
+    thickness: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number("m", "clearance is then measured from the belt's faces", at_least=0),
+    )
     name: str = eqx.field(static=True, default="belt")
 
 
@@ -112,12 +129,37 @@ class Pulley(Readable):
     words: ClassVar = {"face": SIDES}
 
     name: str = eqx.field(static=True)
-    center: Float[Array, "2"] = eqx.field(converter=as_real)  # [m], in the drawn layout
-    radius: Float[Array, ""] = eqx.field(converter=as_real)  # [m], to the neutral axis
+    center: Float[Array, "2"] = eqx.field(
+        converter=as_real,
+        metadata=number("m", "`[x, y]`, in the drawn layout", design=True, parts=("x", "y")),
+    )
+    radius: Float[Array, ""] = eqx.field(
+        converter=as_real,
+        metadata=number(
+            "m",
+            "to the neutral axis of the belt. Above 5 m its unit must be written, since most such "
+            "numbers are millimeters",
+            above=0,
+            largest_bare=LARGEST_BARE_RADIUS,
+            design=True,
+        ),
+    )
     face: Float[Array, ""] = eqx.field(converter=as_side, default=1.0)  # +1 grooved, -1 back
-    inertia: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)  # [kg m^2]
-    friction: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)
-    rim_radius: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)  # [m]
+    inertia: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number("kg m^2", "for vibration; behind an isolator that of the hub", at_least=0),
+    )
+    friction: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number("", "coefficient, for contact and slip", at_least=0),
+    )
+    rim_radius: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number("m", "for clearance", above=0, largest_bare=LARGEST_BARE_RADIUS),
+    )
     # Which pulley drives and which tensioner carries it are data, not structure: drives that
     # differ only there share one compiled function and may share a batch.
     driver: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # 1: its motion is given
@@ -152,20 +194,61 @@ class Tensioner(Readable):
 
     words: ClassVar = {"kind": KINDS}
 
-    stiffness: Float[Array, ""] = eqx.field(converter=as_real)  # [N m/rad], linear [N/m]
-    pivot: Float[Array, "2"] = eqx.field(converter=as_real, default=(0.0, 0.0))  # [m]
-    direction: Float[Array, "2"] = eqx.field(converter=as_real, default=(1.0, 0.0))
+    stiffness: Float[Array, ""] = eqx.field(
+        converter=as_real,
+        metadata=number(
+            STIFFNESS,
+            "of its spring; 0: held by the belt or an arm spring",
+            at_least=0,
+            design=True,
+        ),
+    )
+    pivot: Float[Array, "2"] = eqx.field(
+        converter=as_real,
+        default=(0.0, 0.0),
+        metadata=number("m", "`[x, y]`, as drawn", parts=("x", "y")),
+    )
+    direction: Float[Array, "2"] = eqx.field(
+        converter=as_real,
+        default=(1.0, 0.0),
+        metadata=number("", "in which it slides: `[dx, dy]` or an angle", parts=("x", "y")),
+    )
     kind: Float[Array, ""] = eqx.field(converter=as_kind, default="rotary")
-    # [kg m^2] about the fixed pivot, its pulleys' mass but not their spin included; linear: [kg]
-    inertia: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)
-    # Of a body whose pivot moves: its mass, where its center lies as drawn, and the inertia
-    # about that center. What `inertia` says is added.
-    mass: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # [kg]
-    mass_center: Float[Array, "2"] = eqx.field(converter=as_real, default=(0.0, 0.0))  # [m]
-    inertia_center: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # [kg m^2]
-    damping: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # [N m s/rad] or [N s/m]
-    # Least and greatest coordinate, from the drawn position [rad] or [m].
-    stops: Float[Array, "2"] = eqx.field(converter=as_real, default=NO_STOPS)
+    inertia: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number(
+            INERTIA,
+            "about a fixed pivot, or its mass, with the mass of its pulleys but not their spin",
+            at_least=0,
+        ),
+    )
+    # Of a body whose pivot moves. What `inertia` says is added.
+    mass: Float[Array, ""] = eqx.field(
+        converter=as_real,
+        default=0.0,
+        metadata=number("kg", "of a tensioner that sits on another", at_least=0),
+    )
+    mass_center: Float[Array, "2"] = eqx.field(
+        converter=as_real,
+        default=(0.0, 0.0),
+        metadata=number("m", "`[x, y]` of that mass, as drawn", parts=("x", "y")),
+    )
+    inertia_center: Float[Array, ""] = eqx.field(
+        converter=as_real,
+        default=0.0,
+        metadata=number("kg m^2", "about that center", at_least=0),
+    )
+    damping: Float[Array, ""] = eqx.field(
+        converter=as_real,
+        default=0.0,
+        metadata=number(DAMPING, "for the forced response", at_least=0),
+    )
+    stops: Float[Array, "2"] = eqx.field(
+        converter=as_real,
+        default=NO_STOPS,
+        metadata=number(COORDINATE, "`[least, greatest]`, from the drawn position", unbounded=True),
+    )
     locked: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # 1: bolted
     on: Float[Array, " coordinates"] = eqx.field(converter=as_flags, default=())
     name: str = eqx.field(static=True, default="tensioner")
@@ -187,8 +270,15 @@ class ArmSpring(Readable):
     """
 
     between: Float[Array, " coordinates"] = eqx.field(converter=as_flags)
-    stiffness: Float[Array, ""] = eqx.field(converter=as_real)  # [N m/rad] or [N/m]
-    damping: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)
+    stiffness: Float[Array, ""] = eqx.field(
+        converter=as_real,
+        metadata=number(STIFFNESS, "of the spring between the two", at_least=0, design=True),
+    )
+    damping: Float[Array, ""] = eqx.field(
+        converter=as_real,
+        default=0.0,
+        metadata=number(DAMPING, "for the forced response", at_least=0),
+    )
     name: str = eqx.field(static=True, default="spring")
 
 
@@ -200,18 +290,38 @@ class Isolator(Readable):
     """
 
     pulleys: Float[Array, " pulleys"] = eqx.field(converter=as_flags)
-    stiffness: Float[Array, ""] = eqx.field(converter=as_real)  # [N m/rad]
-    rim_inertia: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)
-    damping: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # [N m s/rad]
+    stiffness: Float[Array, ""] = eqx.field(
+        converter=as_real,
+        metadata=number("N m/rad", "of the spring between rim and hub", above=0, design=True),
+    )
+    rim_inertia: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number("kg m^2", "of the rim, for vibration", at_least=0),
+    )
+    damping: Float[Array, ""] = eqx.field(
+        converter=as_real,
+        default=0.0,
+        metadata=number("N m s/rad", "for the forced response", at_least=0),
+    )
 
 
 class Damper(Readable):
     """An inertia ring on a torsion spring, on the hub or on the rim of a pulley."""
 
     pulley: Float[Array, " pulleys"] = eqx.field(converter=as_flags)  # 1 at the pulley's place
-    stiffness: Float[Array, ""] = eqx.field(converter=as_real)  # [N m/rad]
-    inertia: Float[Array, ""] = eqx.field(converter=as_real)  # [kg m^2]
-    damping: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # [N m s/rad]
+    stiffness: Float[Array, ""] = eqx.field(
+        converter=as_real,
+        metadata=number("N m/rad", "of the ring's spring", above=0, design=True),
+    )
+    inertia: Float[Array, ""] = eqx.field(
+        converter=as_real, metadata=number("kg m^2", "of the ring", above=0, design=True)
+    )
+    damping: Float[Array, ""] = eqx.field(
+        converter=as_real,
+        default=0.0,
+        metadata=number("N m s/rad", "for the forced response", at_least=0),
+    )
     on_rim: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # 1: on the rim, 0: hub
 
 

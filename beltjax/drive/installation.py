@@ -3,8 +3,19 @@
 import equinox as eqx
 from jaxtyping import Array, Float
 
-from beltjax.drive.components import TENSIONS_OF, as_flags, as_optional, as_real
+from beltjax.drive.components import COORDINATE, TENSIONS_OF, as_flags, as_optional, as_real
+from beltjax.drive.fields import number
 from beltjax.drive.readable import Readable
+
+_TENSION = number(
+    "N",
+    "the drawn layout is the torque-free state, and this its tension. Belt length and free "
+    "positions of the springs follow; torques then move the tensioners",
+    above=0,
+    design=True,
+)
+_BELT_LENGTH = number("m", "of the unstretched belt", above=0, design=True)
+_FREE = number(COORDINATE, "where each spring is relaxed, by its name, from the drawn position")
 
 
 class TensionGiven(Readable):
@@ -20,12 +31,23 @@ class TensionGiven(Readable):
     tension of every span instead: the drawn layout is kept and torques are not used.
     """
 
-    tension: Float[Array, "*belts"] = eqx.field(converter=as_real)  # P0 [N]; of several belts each
-    span_tensions: Float[Array, " spans"] | None = eqx.field(converter=as_optional, default=None)
+    # P0; of several belts each
+    tension: Float[Array, "*belts"] = eqx.field(converter=as_real, metadata=_TENSION)
+    span_tensions: Float[Array, " spans"] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number(
+            "N",
+            "beside `tension`: a list, one tension for each span in listed order; the drawn layout "
+            "is kept and torques are not used. For comparison with the literature",
+        ),
+    )
     tension_of: str = eqx.field(static=True, default="belt")
     # Where a spring that the tension does not settle is relaxed, NaN for the others: the springs of
     # the tensioners, then the arm springs. Only more springs than coordinates need it.
-    free: Float[Array, " springs"] | None = eqx.field(converter=as_optional, default=None)
+    free: Float[Array, " springs"] | None = eqx.field(
+        converter=as_optional, default=None, metadata=_FREE
+    )
 
     def __check_init__(self):
         if self.tension_of not in TENSIONS_OF:
@@ -40,11 +62,21 @@ class BeltGiven(Readable):
     the tensioners' own first, then the difference of coordinates of each arm spring.
     """
 
-    belt_length: Float[Array, "*belts"] = eqx.field(converter=as_real)  # unstretched [m]
-    free_angle: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)
-    # free_angle [rad] is the direction of the arm, from pivot to pulley, with its spring relaxed:
-    # as many turns from the drawn direction, which is in (-pi, pi], as the spring is wound.
-    free: Float[Array, " springs"] | None = eqx.field(converter=as_optional, default=None)
+    belt_length: Float[Array, "*belts"] = eqx.field(converter=as_real, metadata=_BELT_LENGTH)
+    # As many turns from the drawn direction, which is in (-pi, pi], as the spring is wound.
+    free_angle: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number(
+            "rad",
+            "direction of the arm, from pivot to pulley, with its spring relaxed; only with a "
+            "single rotary tensioner. It is read as it stands, whole turns included",
+            design=True,
+        ),
+    )
+    free: Float[Array, " springs"] | None = eqx.field(
+        converter=as_optional, default=None, metadata=_FREE
+    )
 
 
 class AdjustedToTension(Readable):
@@ -54,10 +86,12 @@ class AdjustedToTension(Readable):
     positions of their springs follow as under `TensionGiven`.
     """
 
-    belt_length: Float[Array, "*belts"] = eqx.field(converter=as_real)  # unstretched [m]
-    tension: Float[Array, "*belts"] = eqx.field(converter=as_real)  # P0 [N]
+    belt_length: Float[Array, "*belts"] = eqx.field(converter=as_real, metadata=_BELT_LENGTH)
+    tension: Float[Array, "*belts"] = eqx.field(converter=as_real, metadata=_TENSION)
     adjusted: Float[Array, " coordinates"] = eqx.field(converter=as_flags)
-    free: Float[Array, " springs"] | None = eqx.field(converter=as_optional, default=None)
+    free: Float[Array, " springs"] | None = eqx.field(
+        converter=as_optional, default=None, metadata=_FREE
+    )
 
 
 class AdjustedToMark(Readable):
@@ -67,11 +101,15 @@ class AdjustedToMark(Readable):
     `mark` is [rad] or [m]. The belt and the springs' free positions are given as in `BeltGiven`.
     """
 
-    belt_length: Float[Array, "*belts"] = eqx.field(converter=as_real)  # unstretched [m]
-    free: Float[Array, " springs"] = eqx.field(converter=as_flags)
+    belt_length: Float[Array, "*belts"] = eqx.field(converter=as_real, metadata=_BELT_LENGTH)
+    free: Float[Array, " springs"] = eqx.field(converter=as_flags, metadata=_FREE)
     adjusted: Float[Array, " coordinates"] = eqx.field(converter=as_flags)
     marked: Float[Array, " coordinates"] = eqx.field(converter=as_flags)
-    mark: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)
+    mark: Float[Array, ""] = eqx.field(
+        converter=as_real,
+        default=0.0,
+        metadata=number(COORDINATE, "where the marked tensioner stands, from the drawn position"),
+    )
 
 
 Installation = TensionGiven | BeltGiven | AdjustedToTension | AdjustedToMark

@@ -6,6 +6,7 @@ import equinox as eqx
 from jaxtyping import Array, Float
 
 from beltjax.drive.components import TRAVELS, as_optional, as_real, as_travel
+from beltjax.drive.fields import number
 from beltjax.drive.readable import Readable
 from beltjax.drive.shafts import transmission
 from beltjax.drive.system import Drive
@@ -17,12 +18,21 @@ class ExcitationGiven(Readable):
     Amplitudes are zero to peak, at `order` times the driver's speed.
     """
 
-    crank: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)  # [rad]
-    order: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)
+    crank: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number("rad", "of the driver's rotation", at_least=0),
+    )
+    order: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number("", "per rotation of the driver", above=0),
+    )
     torque: dict[str, Float[Array, ""]] = eqx.field(
         converter=lambda torque: {name: as_real(value) for name, value in torque.items()},
         default_factory=dict,
-    )  # [N m], by name of pulley, in the direction of belt travel
+        metadata=number("N m", "by pulley's name, in the direction of belt travel", at_least=0),
+    )
 
 
 class OperatingPoint(Readable):
@@ -36,15 +46,28 @@ class OperatingPoint(Readable):
 
     words: ClassVar = {"travel": TRAVELS}
 
-    belt_speed: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)  # [m/s]
+    belt_speed: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number(
+            "m/s", "of the unstretched belt, of several that of the driver's", at_least=0
+        ),
+    )
     driver_speed: Float[Array, ""] | None = eqx.field(
-        converter=as_optional, default=None
-    )  # [rad/s]
-    mass_flow: Float[Array, ""] | None = eqx.field(converter=as_optional, default=None)  # [kg/s]
+        converter=as_optional,
+        default=None,
+        metadata=number("rad/s", "which gives the belt's speed", at_least=0),
+    )
+    mass_flow: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number("kg/s", "for contact, in place of the mass per length", at_least=0),
+    )
     torque: dict[str, Float[Array, ""]] = eqx.field(
         converter=lambda torque: {name: as_real(value) for name, value in torque.items()},
         default_factory=dict,
-    )  # [N m], by name of pulley
+        metadata=number("N m", "taken from the belt, by pulley's name"),
+    )
     travel: Float[Array, ""] = eqx.field(converter=as_travel, default="listed")
     excitation: ExcitationGiven | None = None
 

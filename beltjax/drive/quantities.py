@@ -1,12 +1,14 @@
 """Tables of files whose numbers carry units, and one line for the first thing that is wrong."""
 
 import difflib
-from collections.abc import Iterable
+import math
+from collections.abc import Callable, Iterable
 from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
 from pydantic_core import PydanticCustomError
 
+from beltjax.drive.fields import Number, numbers
 from beltjax.drive.units import shown, to_si
 from beltjax.errors import FileError
 
@@ -29,25 +31,36 @@ _FOREIGN_KEYS = {
 }
 
 
-def in_unit(unit: str) -> BeforeValidator:
-    """A validator that turns a file's value into SI."""
+def checked(value: Any, number: Number, kind: str | None = None) -> float:
+    """A file's value of `number`, whose owner is of this kind, in SI.
+
+    Raises `ValueError` with a text that says what was found and what is expected.
+    """
+    largest = number.largest_bare
+    if largest is not None and type(value) in (int, float) and value > largest:
+        lead = f'millimeters are written "{value:g} mm", and such large pulleys "{value:g} m"'
+        raise ValueError(f"found {value:g}; a bare number is in meters, {lead}")
+    if number.unbounded and isinstance(value, float) and math.isinf(value):
+        return value
+    found = to_si(value, number.unit_for(kind))
+    if number.above is not None and not found > number.above:
+        raise ValueError(f"found {shown(value)}; must be greater than {number.above:g}")
+    if number.at_least is not None and not found >= number.at_least:
+        raise ValueError(f"found {shown(value)}; must not be less than {number.at_least:g}")
+    return found
+
+
+def valid(owner: type, field: str, kind: str | None = None) -> BeforeValidator:
+    """A validator that turns a file's value of a field of `owner` into SI."""
+    number = numbers(owner)[field]
 
     def convert(value: Any) -> float:
         try:
-            return to_si(value, unit)
+            return checked(value, number, kind)
         except ValueError as error:
             raise PydanticCustomError("unit", "{text}", {"text": str(error)}) from error
 
     return BeforeValidator(convert)
-
-
-Meter = Annotated[float, in_unit("m")]
-Radian = Annotated[float, in_unit("rad")]
-Newton = Annotated[float, in_unit("N")]
-NewtonMeter = Annotated[float, in_unit("N m")]
-Number = Annotated[float, in_unit("")]
-Positive = Field(gt=0)
-NotNegative = Field(ge=0)
 
 
 class Table(BaseModel):
@@ -55,8 +68,54 @@ class Table(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
+    def number(self, name: str) -> Any:
+        """A number that `numbers_of` gave the table; None where it is absent."""
+        return getattr(self, name)
+
 
 TableType = TypeVar("TableType", bound=Table)
+
+
+def numbers_of(
+    owner: type,
+    kind: str | None = None,
+    *,
+    only: Iterable[str] | None = None,
+    without: Iterable[str] = (),
+    required: Iterable[str] = (),
+    optional: Iterable[str] = (),
+) -> Callable[[type[TableType]], type[TableType]]:
+    """Give a table the numbers that `owner` holds, of this kind, with their units and bounds.
+
+    A number is required where the field of `owner` has no default; absent ones are None.
+    """
+
+    def extended(table: type[TableType]) -> type[TableType]:
+        fields: dict[str, Any] = {}
+        for name, fact in numbers(owner).items():
+            if name in without or (only is not None and name not in only):
+                continue
+            annotation: Any = Annotated[float, valid(owner, name, kind)]
+            for size in fact.shape:
+                exactly = Field(min_length=size, max_length=size)
+                annotation = Annotated[list[annotation], exactly]
+            needed = (fact.required or name in required) and name not in optional
+            fields[name] = (annotation, ...) if needed else (annotation | None, None)
+        return create_model(
+            table.__name__,
+            __base__=table,
+            __doc__=table.__doc__,
+            __module__=table.__module__,
+            **fields,
+        )
+
+    return extended
+
+
+def given_numbers(record: Table, owner: type) -> dict[str, Any]:
+    """The numbers of `owner` that a table holds."""
+    fields = {name: getattr(record, name, None) for name in numbers(owner)}
+    return {name: value for name, value in fields.items() if value is not None}
 
 
 def validated(table: type[TableType], content: dict[str, Any], path: object) -> TableType:
@@ -101,6 +160,8 @@ def _message(error: Any, table: type[Table]) -> str:
         word = str(error["loc"][-1])
         if word in _FOREIGN_KEYS and word not in _all_keys(table):
             return f"is not a known key; {_FOREIGN_KEYS[word]}"
+        if word in _all_keys(table):
+            return "is not a key of this table; remove it"
         close = difflib.get_close_matches(word, sorted(_all_keys(table)), n=1)
         return "is not a known key; " + (f"did you mean {close[0]!r}?" if close else "remove it")
     if kind == "greater_than":

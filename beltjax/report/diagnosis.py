@@ -11,7 +11,7 @@ import numpy as np
 from beltjax.analysis.reference import LARGEST_STRAIN
 from beltjax.analysis.steady import SteadyState, steady_state
 from beltjax.drive.canonical import canonical
-from beltjax.drive.checks import drawn_arm_angle, layout_fault
+from beltjax.drive.buildable import drawn_arm_angle, layout_fault
 from beltjax.drive.installation import BeltGiven
 from beltjax.drive.layout import layout
 from beltjax.drive.operation import OperatingPoint

@@ -10,7 +10,7 @@ import numpy as np
 from beltjax.analysis.modes import Modes
 from beltjax.analysis.sensitivity import Sensitivities, named_numbers
 from beltjax.analysis.steady import SteadyState
-from beltjax.drive.checks import drawn_arm_angle
+from beltjax.drive.buildable import drawn_arm_angle
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.report.schema import VERSION
