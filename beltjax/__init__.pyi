@@ -33,6 +33,7 @@ from .analysis.steady import steady_state as steady_state
 from .analysis.sweep import Sweep as Sweep
 from .analysis.sweep import sweep as sweep
 from .analysis.tracking import Veering as Veering
+from .compiling.quick import quick_jit as quick_jit
 from .drive.components import Belt as Belt
 from .drive.components import BeltGiven as BeltGiven
 from .drive.components import Drive as Drive
@@ -45,15 +46,14 @@ from .drive.files import load_drive as load_drive
 from .drive.files import save_drive as save_drive
 from .drive.layout import Layout as Layout
 from .drive.layout import layout as layout
-from .errors import FileError as FileError
+from .files.errors import FileError as FileError
 from .numerics.bases import Legendre as Legendre
 from .numerics.bases import Sine as Sine
-from .numerics.bvp import BVPSolution as BVPSolution
-from .numerics.bvp import solve_bvp as solve_bvp
-from .numerics.bvp_continuation import Branch as Branch
-from .numerics.bvp_continuation import continue_bvp as continue_bvp
-from .numerics.bvp_continuation import follow_branch as follow_branch
-from .numerics.compilation import quick_jit as quick_jit
+from .numerics.bvp.continuation import Branch as Branch
+from .numerics.bvp.continuation import continue_bvp as continue_bvp
+from .numerics.bvp.continuation import follow_branch as follow_branch
+from .numerics.bvp.solve import BVPSolution as BVPSolution
+from .numerics.bvp.solve import solve_bvp as solve_bvp
 from .results import RESULTS as RESULTS
 from .results import AnalysisError as AnalysisError
 

@@ -13,8 +13,8 @@ from beltjax.drive.components import Drive, OperatingPoint, as_real, concrete
 from beltjax.drive.numbers import require_numbers
 from beltjax.drive.variables import variable_names
 
-from .measures import Scatter
 from .quantities import Quantity, is_forced, quantity
+from .robust.scatter import Scatter
 
 Method = Literal["augmented-lagrangian", "slsqp", "trust-constr", "ipopt"]
 METHODS = get_args(Method)

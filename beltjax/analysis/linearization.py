@@ -5,11 +5,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from beltjax.analysis.steady import SteadyState
+from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.canonical import strongly_typed
 from beltjax.drive.components import Drive, as_optional
 from beltjax.drive.groups import Scales
 from beltjax.numerics.bases import AbstractBasis, Legendre
-from beltjax.numerics.compilation import boundary_jit
 from beltjax.physics import span
 from beltjax.physics.vibration import (
     VibrationModel,

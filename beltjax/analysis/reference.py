@@ -10,12 +10,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.canonical import canonical
 from beltjax.drive.components import BeltGiven, Drive, OperatingPoint, TensionGiven
 from beltjax.drive.layout import Layout, Outline, Path, belt_path, layout, outline
 from beltjax.drive.readable import Readable
 from beltjax.drive.usable import harmless, usable
-from beltjax.numerics.compilation import boundary_jit
 from beltjax.numerics.roots import Search, implicit_root, system_root
 from beltjax.results import (
     RESULTS,

@@ -10,11 +10,11 @@ from jaxtyping import Array, Complex, Float
 from beltjax.analysis.damping import Damping, damping_matrix
 from beltjax.analysis.linearization import Linearization, linearize
 from beltjax.analysis.steady import steady_state
+from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.canonical import canonical, strongly_typed
 from beltjax.drive.components import Drive, OperatingPoint, as_complex, as_real, concrete
 from beltjax.drive.readable import Readable
 from beltjax.numerics.bases import AbstractBasis, Legendre
-from beltjax.numerics.compilation import boundary_jit
 from beltjax.physics.exact_vibration import (
     dynamic_stiffness,
     span_response,

@@ -12,12 +12,12 @@ from beltjax.analysis.reference import (
     beyond_stops,
     resting,
 )
+from beltjax.compiling.quick import boundary_jit, usual_promotion
 from beltjax.drive.canonical import canonical
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.groups import Groups, Scales, groups_and_scales
 from beltjax.drive.readable import Readable
 from beltjax.drive.usable import harmless, usable
-from beltjax.numerics.compilation import boundary_jit, usual_promotion
 from beltjax.physics import steady as physics
 from beltjax.results import (
     RESULTS,

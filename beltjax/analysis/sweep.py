@@ -15,11 +15,11 @@ from beltjax.analysis.linearization import linearize
 from beltjax.analysis.modes import mode_label, modes
 from beltjax.analysis.steady import steady_state
 from beltjax.analysis.tracking import Shapes, Veering, linked, tracks, veerings
+from beltjax.compiling.quick import in_chunks, quickly_compiled, usual_promotion
 from beltjax.drive.canonical import canonical, canonical_key
 from beltjax.drive.components import Drive, OperatingPoint
 from beltjax.drive.numbers import require_number, unit_of_number, with_number
 from beltjax.numerics.bases import AbstractBasis, Legendre
-from beltjax.numerics.compilation import in_chunks, quickly_compiled, usual_promotion
 from beltjax.results import RESULTS, explanations, successes
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from jaxtyping import Array, Float
 from beltjax.drive.canonical import canonical_drive
 from beltjax.drive.components import Drive
 from beltjax.drive.layout import Layout, crossings, layout
-from beltjax.errors import FileError
+from beltjax.files.errors import FileError
 from beltjax.results import RESULTS, succeeded
 
 _MOST_APART = 1e8  # largest length over smallest radius: gaps and wraps keep eight digits

@@ -25,7 +25,9 @@ from beltjax.drive.components import (
     as_real,
     repeated_span,
 )
-from beltjax.drive.quantities import (
+from beltjax.files.errors import FileError
+from beltjax.files.reading import read_toml
+from beltjax.files.tables import (
     Meter,
     Newton,
     NewtonMeter,
@@ -37,9 +39,7 @@ from beltjax.drive.quantities import (
     in_unit,
     validated,
 )
-from beltjax.errors import FileError
-from beltjax.reading import read_toml
-from beltjax.writing import write_whole
+from beltjax.files.writing import write_whole
 
 Point = Annotated[list[Meter], Field(min_length=2, max_length=2)]
 _MOST_PULLEYS = 200  # compiling grows with their number: 100 take some 12 s, 300 some 40 s

@@ -12,10 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.canonical import canonical_drive
 from beltjax.drive.components import Drive, as_real
 from beltjax.drive.readable import Readable
-from beltjax.numerics.compilation import boundary_jit
 from beltjax.results import (
     RESULTS,
     first_failure,

@@ -1,0 +1,132 @@
+"""Tables of files whose numbers carry units, and one line for the first thing that is wrong."""
+
+import difflib
+from collections.abc import Iterable
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic_core import PydanticCustomError
+
+from beltjax.files.errors import FileError
+from beltjax.files.units import shown, to_si
+
+# Keys that others use, and what to give here.
+_FOREIGN_KEYS = {
+    "diameter": "give radius, half of it, to the neutral axis of the belt",
+    "pitch_diameter": "give radius, half of it",
+    "teeth": "give radius: teeth times pitch over 2 pi",
+    "x": "give center = [x, y]",
+    "y": "give center = [x, y]",
+    "position": "give center = [x, y]",
+    "rpm": 'give driver_speed = "... rpm"',
+    "speed": "give belt_speed, or driver_speed from which it follows",
+    "power": "give torque: power over the pulley's speed in rad/s",
+    "length": "give belt_length",
+    "width": "axial_stiffness, bending_stiffness and mass_per_length are those of the whole width",
+    "density": "give mass_per_length: density times cross section",
+    "modulus": "give axial_stiffness: modulus times cross section",
+    "youngs_modulus": "give axial_stiffness: modulus times cross section",
+}
+
+
+def in_unit(unit: str) -> BeforeValidator:
+    """A validator that turns a file's value into SI."""
+
+    def convert(value: Any) -> float:
+        try:
+            return to_si(value, unit)
+        except ValueError as error:
+            raise PydanticCustomError("unit", "{text}", {"text": str(error)}) from error
+
+    return BeforeValidator(convert)
+
+
+Meter = Annotated[float, in_unit("m")]
+Radian = Annotated[float, in_unit("rad")]
+Newton = Annotated[float, in_unit("N")]
+NewtonMeter = Annotated[float, in_unit("N m")]
+Number = Annotated[float, in_unit("")]
+Positive = Field(gt=0)
+NotNegative = Field(ge=0)
+
+
+class Table(BaseModel):
+    """A table of a file: no key but those named."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+TableType = TypeVar("TableType", bound=Table)
+
+
+def validated(table: type[TableType], content: dict[str, Any], path: object) -> TableType:
+    """`content` as a `table`; raises `FileError` for the first thing that is wrong with it."""
+    try:
+        return table.model_validate(content)
+    except ValidationError as failure:
+        errors = failure.errors()
+        # A misspelt key is also a missing one; the misspelling is what helps.
+        first = min(errors, key=lambda error: error["type"] != "extra_forbidden")
+        more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
+        key = _key(first["loc"], content)
+        raise FileError(path, key, _message(first, table) + more) from failure
+
+
+def _key(location: Iterable[Any], content: Any) -> str:
+    """'pulley.accessory.radius' for ('pulley', 2, 'radius'): items go by their names."""
+    words: list[str] = []
+    for step in location:
+        # Where several types are allowed the library adds which one it tried.
+        if not isinstance(content, dict | list) or str(step).endswith("Table"):
+            continue
+        try:
+            content = content[step]
+        except (KeyError, IndexError, TypeError):
+            content = None
+        if isinstance(step, int):
+            label = (
+                content.get("name", content.get("quantity")) if isinstance(content, dict) else None
+            )
+            words.append(f".{label}" if isinstance(label, str) else f"[{step}]")
+        else:
+            words.append(f".{step}" if words else step)
+    return "".join(words)
+
+
+def _message(error: Any, table: type[Table]) -> str:
+    kind, found = error["type"], error["input"]
+    if kind == "missing":
+        return "is missing; add it"
+    if kind == "extra_forbidden":
+        word = str(error["loc"][-1])
+        if word in _FOREIGN_KEYS and word not in _all_keys(table):
+            return f"is not a known key; {_FOREIGN_KEYS[word]}"
+        close = difflib.get_close_matches(word, sorted(_all_keys(table)), n=1)
+        return "is not a known key; " + (f"did you mean {close[0]!r}?" if close else "remove it")
+    if kind == "greater_than":
+        return f"found {shown(found)}; must be greater than {error['ctx']['gt']:g}"
+    if kind == "greater_than_equal":
+        return f"found {shown(found)}; must not be less than {error['ctx']['ge']:g}"
+    if kind == "unit":
+        return error["msg"]
+    if kind in ("too_long", "too_short"):
+        wanted = error["ctx"].get("max_length", error["ctx"].get("min_length"))
+        return f"found {len(found)} items; give {wanted}"
+    if kind in ("model_type", "dict_type"):
+        return f"found {shown(found)}; give a table"
+    text = error["msg"].removeprefix("Input should be ")
+    return f"found {shown(found)}; give {text}"
+
+
+def _all_keys(table: type[Table]) -> set[str]:
+    """Keys of a table and of the tables inside it, to find the one that was meant."""
+    keys: set[str] = set()
+    pending: list[Any] = [table]
+    while pending:
+        kind = pending.pop()
+        if isinstance(kind, type) and issubclass(kind, Table):
+            keys |= {field.alias or name for name, field in kind.model_fields.items()}
+            pending += [field.annotation for field in kind.model_fields.values()]
+        else:
+            pending += list(getattr(kind, "__args__", ()))
+    return keys
