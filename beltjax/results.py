@@ -12,7 +12,7 @@ import optimistix as optx
 from jax.core import Tracer
 from jaxtyping import Array, Bool
 
-from beltjax.numerics.slopes import frozen_unless
+from beltjax.numerics.derivative_rules import frozen_unless
 
 Value = TypeVar("Value")
 

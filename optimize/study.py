@@ -15,8 +15,8 @@ from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.drive.variables import variable_names
 
-from .measures import Scatter
 from .quantities import Quantity, is_forced, quantity
+from .robust.scatter import Scatter
 
 Method = Literal["augmented-lagrangian", "slsqp", "trust-constr", "ipopt"]
 METHODS = get_args(Method)

@@ -10,8 +10,8 @@ import numpy as np
 
 import beltjax as bj
 from beltjax.analysis.sensitivity import named_numbers
+from beltjax.compiling.quick import quickly_compiled
 from beltjax.drive.buildable import clearances
-from beltjax.numerics.compilation import quickly_compiled
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 

@@ -5,7 +5,7 @@ from jaxtyping import Array, Float
 
 from beltjax.analysis.steady import AbstractSteadyMethod
 from beltjax.drive.components import as_real
-from beltjax.numerics.bvp_gauss import MOST_STAGES, gauss
+from beltjax.numerics.bvp.gauss import MOST_STAGES, gauss
 from beltjax.physics import steady as physics
 from beltjax.physics import steady_collocation as collocation
 

@@ -15,6 +15,8 @@ from beltjax.analysis.reference import (
     held_by_tension,
     resting,
 )
+from beltjax.compiling.batched_loops import in_lanes_of
+from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.canonical import canonical
 from beltjax.drive.components import as_real, concrete
 from beltjax.drive.groups import ContactGroups, Scales, TravelOrder, contact_groups
@@ -24,9 +26,7 @@ from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.placeholders import harmless, usable
 from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
-from beltjax.numerics.compilation import boundary_jit
-from beltjax.numerics.lanes import in_lanes_of
-from beltjax.numerics.slopes import differentiated_once
+from beltjax.numerics.derivative_rules import differentiated_once
 from beltjax.physics import contact as physics
 from beltjax.physics import contact_search as search
 from beltjax.results import (

@@ -5,13 +5,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from beltjax.analysis.steady import SteadyState
+from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.canonical import strongly_typed
 from beltjax.drive.components import as_optional
 from beltjax.drive.groups import Groups, Scales
 from beltjax.drive.shafts import rotors
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis, Legendre
-from beltjax.numerics.compilation import boundary_jit
 from beltjax.physics import span
 from beltjax.physics.vibration import VibrationModel, assembled, elongations
 from beltjax.results import RESULTS, frozen_where_failed, raise_unless_successful, succeeded

@@ -10,11 +10,11 @@ from jaxtyping import Array, Bool, Complex, Float
 
 from beltjax.analysis.damping import Damping, damping_matrix
 from beltjax.analysis.linearization import Linearization
+from beltjax.compiling.quick import boundary_jit, usual_promotion
 from beltjax.drive.canonical import strongly_typed
 from beltjax.drive.readable import Readable
 from beltjax.numerics.bases import Products
-from beltjax.numerics.compilation import boundary_jit, usual_promotion
-from beltjax.numerics.counting import Counted, counted_derivative, counted_root
+from beltjax.numerics.counted_roots import Counted, counted_derivative, counted_root
 from beltjax.numerics.gyroscopic import (
     Eigen,
     Forms,

@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from beltjax.analysis.steady import steady_state
+from beltjax.compiling.quick import boundary_jit, usual_promotion
 from beltjax.drive.canonical import canonical
 from beltjax.drive.components import as_real, concrete
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
-from beltjax.numerics.compilation import boundary_jit, usual_promotion
 from beltjax.physics import moving_beam as beam
 from beltjax.physics import moving_beam_expansion as expansion
 from beltjax.physics import moving_beam_shapes as shapes

@@ -20,6 +20,8 @@ from beltjax.analysis.installed import (
     installed_by_tension,
     unstretched,
 )
+from beltjax.compiling.batched_loops import in_lanes_of
+from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.bodies import Bodies, bodies, springs
 from beltjax.drive.canonical import canonical
 from beltjax.drive.installation import (
@@ -33,9 +35,7 @@ from beltjax.drive.placeholders import harmless, usable
 from beltjax.drive.readable import Readable
 from beltjax.drive.shafts import Transmission, transmission
 from beltjax.drive.system import Drive
-from beltjax.numerics.compilation import boundary_jit
 from beltjax.numerics.definite import definite_solve
-from beltjax.numerics.lanes import in_lanes_of
 from beltjax.numerics.roots import implicit_root, system_root
 from beltjax.results import (
     RESULTS,

@@ -11,13 +11,13 @@ from jaxtyping import Array, Complex, Float
 from beltjax.analysis.damping import Damping, damping_matrix, own_damping
 from beltjax.analysis.linearization import Linearization, linearize
 from beltjax.analysis.steady import steady_state
+from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.canonical import canonical, strongly_typed
 from beltjax.drive.components import as_complex, as_real, concrete
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis, Legendre
-from beltjax.numerics.compilation import boundary_jit
 from beltjax.physics.exact_vibration import (
     dynamic_stiffness,
     span_response,

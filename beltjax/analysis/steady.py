@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from beltjax.analysis.reference import LARGEST_STRAIN, ReferenceState, resting
+from beltjax.compiling.quick import boundary_jit, usual_promotion
 from beltjax.drive.canonical import canonical
 from beltjax.drive.groups import Groups, Scales, groups_and_scales
 from beltjax.drive.layout import Loops
@@ -15,7 +16,6 @@ from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.placeholders import harmless, usable
 from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
-from beltjax.numerics.compilation import boundary_jit, usual_promotion
 from beltjax.physics import steady as physics
 from beltjax.results import (
     RESULTS,

@@ -15,12 +15,12 @@ from beltjax.analysis.linearization import linearize
 from beltjax.analysis.modes import mode_label, modes
 from beltjax.analysis.steady import steady_state
 from beltjax.analysis.tracking import Shapes, Veering, linked, tracks, veerings
+from beltjax.compiling.quick import in_chunks, quickly_compiled, usual_promotion
 from beltjax.drive.canonical import canonical, canonical_key
 from beltjax.drive.numbers import require_number, unit_of_number, with_number
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis, Legendre
-from beltjax.numerics.compilation import in_chunks, quickly_compiled, usual_promotion
 from beltjax.results import RESULTS, explanations, successes
 
 if TYPE_CHECKING:

@@ -16,9 +16,9 @@ from beltjax.drive.file_tables import (
     RotaryTable,
     TwinArmTable,
 )
-from beltjax.drive.quantities import checked, given_numbers
 from beltjax.drive.system import Drive
-from beltjax.errors import FileError
+from beltjax.files.errors import FileError
+from beltjax.files.tables import checked, given_numbers
 
 SINGLE = "tensioner"  # name of the one that [tensioner] describes
 _MOST_BODIES = 12  # compiling grows with their number

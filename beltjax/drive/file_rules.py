@@ -16,10 +16,10 @@ from beltjax.drive.installation import (
     Installation,
     TensionGiven,
 )
-from beltjax.drive.quantities import checked
 from beltjax.drive.system import Drive
-from beltjax.drive.units import shown
-from beltjax.errors import FileError
+from beltjax.files.errors import FileError
+from beltjax.files.tables import checked
+from beltjax.files.units import shown
 
 _KEY = "installation"
 

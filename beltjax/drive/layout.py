@@ -11,12 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.bodies import Bodies, bodies, placed
 from beltjax.drive.canonical import canonical_drive
 from beltjax.drive.components import as_flags
 from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
-from beltjax.numerics.compilation import boundary_jit
 from beltjax.results import (
     RESULTS,
     first_failure,

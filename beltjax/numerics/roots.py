@@ -19,8 +19,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from beltjax.numerics.bvp_blocks import inverse
-from beltjax.numerics.lanes import in_lanes_of
+from beltjax.compiling.batched_loops import in_lanes_of
+from beltjax.numerics.small_matrices import inverse
 
 Scalar = Float[Array, ""]
 Vector = Float[Array, " n"]

@@ -10,8 +10,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from beltjax.numerics.derivative_rules import frozen_unless
 from beltjax.numerics.roots import followed_root, implicit_solution
-from beltjax.numerics.slopes import frozen_unless
 from beltjax.physics.contact import ContactModel, Loop, Motion, Unknown, joined, long_spans
 
 Scalar = Float[Array, ""]

@@ -21,10 +21,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from beltjax.numerics.bvp_blocks import identity, inverse, matvec, mix
-from beltjax.numerics.bvp_chain import Links, carry_back, carry_forward, merge_links
-from beltjax.numerics.bvp_gauss import Gauss
+from beltjax.numerics.bvp.chain import Links, carry_back, carry_forward, merge_links
+from beltjax.numerics.bvp.gauss import Gauss
 from beltjax.numerics.roots import implicit_root, system_root
+from beltjax.numerics.small_matrices import identity, inverse, matvec, mix
 from beltjax.physics.steady import (
     Belts,
     Coordinates,
