@@ -16,7 +16,8 @@ class Damping(eqx.Module):
 
     `modal` is the damping ratio of every mode of the drive without gyroscopic forces;
     `stiffness` [s] the factor of the stiffness matrix. The dampers of tensioners, arm springs,
-    isolators and rings are the drive's, counted unless `arm` is False. Raises `ValueError` where negative.
+    isolators and rings are the drive's, counted unless `arm` is False. Raises `ValueError` where
+    negative.
     """
 
     modal: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)

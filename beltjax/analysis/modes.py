@@ -87,7 +87,7 @@ class Modes(Readable):
 
 
 def mode_label(rigid: float, spans: list[float]) -> str:
-    """What moves most, by the shares of kinetic energy of rotors and tensioners, and of the spans."""
+    """What moves most, by the shares of kinetic energy of all that is rigid, and of the spans."""
     if rigid > _MOSTLY:
         return "rotational"
     largest = max(range(len(spans)), key=lambda i: spans[i])

@@ -22,7 +22,7 @@ from beltjax.analysis.installed import (
 )
 from beltjax.compiling.batched_loops import in_lanes_of
 from beltjax.compiling.quick import boundary_jit
-from beltjax.drive.bodies import Bodies, bodies, springs
+from beltjax.drive.bodies import bodies, springs
 from beltjax.drive.canonical import canonical
 from beltjax.drive.installation import (
     AdjustedToMark,
@@ -36,6 +36,7 @@ from beltjax.drive.readable import Readable
 from beltjax.drive.shafts import Transmission, transmission
 from beltjax.drive.system import Drive
 from beltjax.numerics.definite import definite_solve
+from beltjax.numerics.rigid_bodies import Bodies
 from beltjax.numerics.roots import implicit_root, system_root
 from beltjax.results import (
     RESULTS,

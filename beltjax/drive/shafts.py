@@ -27,7 +27,8 @@ def transmission(drive: Drive, point: "OperatingPoint") -> Transmission:
 
     Shafts and belts form a tree. On each belt the pulley nearest to the driver gives what the
     others take; on each shaft but the driver's the pulley nearest to the driver takes what the
-    shaft's accessories and its other belts need. Raises `KeyError` for a torque on an unknown pulley.
+    shaft's accessories and its other belts need. Raises `KeyError` for a torque on an unknown
+    pulley.
     """
     for name in point.torque:
         drive.pulley(name)
