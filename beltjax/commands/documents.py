@@ -5,6 +5,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from beltjax.analysis.modes import Modes
@@ -13,13 +14,16 @@ from beltjax.analysis.steady import SteadyState
 from beltjax.commands.schema import VERSION
 from beltjax.commands.warnings import steady_warnings
 from beltjax.draw.labels import mode_labels
-from beltjax.drive.buildable import drawn_arm_angle
+from beltjax.drive.bodies import single_arm
+from beltjax.drive.components import KINDS
+from beltjax.drive.layout import Loops, alignment_angles
 from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.shafts import transmission
 from beltjax.drive.system import Drive
 from beltjax.results import RESULTS, succeeded
 
 
-def analysis_document(drive: Drive, found: Sensitivities) -> dict[str, Any]:
+def analysis_document(drive: Drive, point: OperatingPoint, found: Sensitivities) -> dict[str, Any]:
     """Layout, reference state, groups, steady state, modes and sensitivities of one drive.
 
     What does not apply is None: the arm of a drive without tensioner, the states beyond one
@@ -31,13 +35,18 @@ def analysis_document(drive: Drive, found: Sensitivities) -> dict[str, Any]:
     rests = rested or bool(steady.reference.result == RESULTS.span_slack)
     return {
         "drive": drive.name,
-        "pulleys": list(drive.pulley_names),
+        "model": model_flags(drive),
         "success": running,
         "warnings": steady_warnings(drive, steady),
         "layout": _layout(drive, steady),
         "reference": _reference(drive, steady, rested) if rests else None,
         "groups": _groups(steady) if rested else None,
-        "steady": _steady(steady) if running else None,
+        "steady": _steady(drive, steady) if running else None,
+        "coordinates": coordinates(drive, steady) if rests else None,
+        "belts": _belts(drive, steady, running) if rests else None,
+        "pulleys": _pulleys(drive, point, steady, running),
+        "spans": _spans(drive, steady, running),
+        "isolators": _isolators(drive, steady) if rests else None,
         "modes": _modes(drive, found.modes) if running and found.modes else None,
         "sensitivities": _sensitivities(found) if running else None,
     }
@@ -54,22 +63,22 @@ def _layout(drive: Drive, steady: SteadyState) -> dict[str, Any]:
         "spans": spans,
         "wraps_deg": plain(np.degrees(at.wraps)),
         "path_length": plain(at.path_length),
-        "alignment_angles_deg": None
-        if drive.tensioner is None
-        else plain(np.degrees(at.alignment)),
+        "alignment_angles_deg": plain(np.degrees(alignment_angles(drive, at)[0]))
+        if single_arm(drive)
+        else None,
     }
 
 
 def _reference(drive: Drive, steady: SteadyState, rested: bool) -> dict[str, Any]:
     reference = steady.reference
-    angle = reference.arm_angle
-    effective = rested and drive.tensioner is not None
+    arm = single_arm(drive)
+    effective = rested and len(drive.tensioners) > 0
     return {
         "tensions": plain(reference.tensions),
         "unstretched_length": plain(reference.unstretched_length),
-        "arm_angle": plain(reference.arm_angle),
-        "arm_turn": None if angle is None else plain(angle - drawn_arm_angle(drive)),  # from drawn
-        "free_angle": plain(reference.free_angle),
+        "arm_angle": plain(reference.arm_angle) if arm else None,
+        "arm_turn": plain(reference.coordinates[0]) if arm else None,  # from drawn
+        "free_angle": plain(reference.free_angle) if arm else None,
         "tensioner_effectiveness": plain(steady.effectiveness) if effective else None,
     }
 
@@ -80,22 +89,148 @@ def _groups(steady: SteadyState) -> dict[str, Any]:
         "bending": plain(groups.bending),
         "speed": plain(groups.speed),
         "stretch": plain(groups.stretch),
-        "spring": None if steady.reference.arm_angle is None else plain(groups.spring),
+        "spring": plain(groups.spring) if len(groups.units) == 1 else None,
         "tensions": plain(groups.tensions),
         "length": plain(scales.length),
         "time": plain(scales.time),
     }
 
 
-def _steady(steady: SteadyState) -> dict[str, Any]:
+def _steady(drive: Drive, steady: SteadyState) -> dict[str, Any]:
     return {
         "tension_change": plain(steady.tension_change),
         "tensions": plain(steady.running_tensions),
-        "arm_rotation": plain(steady.arm_rotation),
+        "arm_rotation": plain(steady.arm_rotation) if single_arm(drive) else None,
         "coupling": plain(steady.coupling),
         "stiffness_ratios": plain(steady.stiffness_ratios),
         "coupling_total": plain(np.sum(steady.coupling)),
     }
+
+
+def model_flags(drive: Drive) -> dict[str, bool]:
+    """Which terms that the source leaves out are counted."""
+    names = "arm_curvature", "stretching_arcs", "belt_inertia"
+    return {name: bool(float(getattr(drive.model, name))) for name in names}
+
+
+def coordinates(drive: Drive, steady: SteadyState) -> list[dict[str, Any]]:
+    """Where each tensioner stands: installed, at rest with torques, and how running moves it."""
+    reference, stops = steady.reference, {-1: "least", 1: "greatest"}
+    columns = zip(
+        drive.tensioners,
+        plain(reference.installed),
+        plain(reference.coordinates),
+        plain(steady.coordinate_change),
+        np.where(steady.at_stop != 0, steady.at_stop, reference.at_stop).tolist(),
+        strict=True,
+    )
+    kinds = {sign: word for word, sign in KINDS.items()}
+    return [
+        {
+            "name": body.name,
+            "kind": kinds[float(body.kind)],
+            "installed": installed,
+            "at_rest": at_rest,
+            "change": change,
+            "at_stop": stops.get(int(at_stop)),
+        }
+        for body, installed, at_rest, change, at_stop in columns
+    ]
+
+
+def _belts(drive: Drive, steady: SteadyState, running: bool) -> list[dict[str, Any]]:
+    reference, scales = steady.reference, steady.scales
+    changes = np.atleast_1d(np.asarray(steady.tension_change)) * float(scales.tension)
+    mass = float(drive.belt.mass_per_length)
+    speeds = np.asarray(steady.groups.speeds) * np.sqrt(float(scales.tension) / mass)
+    columns = zip(
+        drive.belts,
+        plain(changes),
+        plain(reference.unstretched_lengths),
+        plain(reference.layout.path_lengths),
+        plain(speeds),
+        strict=True,
+    )
+    return [
+        {
+            "name": belt.name,
+            "tension_change": change if running else None,
+            "unstretched_length": unstretched,
+            "path_length": path,
+            "speed": speed,
+        }
+        for belt, change, unstretched, path, speed in columns
+    ]
+
+
+def _pulleys(
+    drive: Drive, point: OperatingPoint, steady: SteadyState, running: bool
+) -> list[dict[str, Any]]:
+    at, driven = steady.reference.layout, transmission(drive, point)
+    pulls = np.asarray(steady.running_tensions)[:, None] * np.asarray(at.directions)
+    loads = pulls - np.asarray(Loops(drive.loop_sizes).preceding(jnp.asarray(pulls)))
+    columns = zip(
+        drive.pulley_names,
+        plain(np.degrees(at.wraps)),
+        plain(np.asarray(driven.turning * driven.speeds / drive.radii)),
+        plain(loads),
+        plain(driven.torques),
+        strict=True,
+    )
+    return [
+        {
+            "name": name,
+            "wrap_deg": wrap,
+            "speed": speed,
+            "hub_load": load if running else None,
+            "torque": torque,
+        }
+        for name, wrap, speed, load, torque in columns
+    ]
+
+
+def _spans(drive: Drive, steady: SteadyState, running: bool) -> list[dict[str, Any]]:
+    at, rest = steady.reference.layout, np.asarray(steady.reference.tensions)
+    of_span = [drive.belts[b] for b in drive.belt_of_span]
+    bending = np.array([float(belt.bending_stiffness) for belt in of_span])
+    mass = np.array([float(belt.mass_per_length) for belt in of_span])
+    number = np.pi / np.asarray(at.span_lengths)  # of the half wave
+    # What a tension meter hears: the held span at rest, whose ends turn freely.
+    squares = number**2 * (rest + bending * number**2) / mass
+    hertz = np.sqrt(np.maximum(squares, 0.0)) / (2 * np.pi)
+    columns = zip(
+        drive.span_names,
+        plain(at.span_lengths),
+        plain(steady.running_tensions),
+        plain(hertz),
+        strict=True,
+    )
+    rests = bool(succeeded(steady.reference.result))
+    return [
+        {
+            "name": name,
+            "length": length,
+            "tension": tension if running else None,
+            "meter_hz": heard if rests else None,
+        }
+        for name, length, tension, heard in columns
+    ]
+
+
+def _isolators(drive: Drive, steady: SteadyState) -> list[dict[str, Any]]:
+    torques = np.asarray(steady.reference.torques)
+    found = []
+    for isolator in drive.isolators:
+        flags = np.asarray(isolator.pulleys)
+        torque = float(np.sum(flags * torques))
+        found.append(
+            {
+                "pulley": drive.pulley_names[int(np.argmax(flags))],
+                "torque": torque,
+                "wind_up": torque / float(isolator.stiffness),
+            }
+        )
+    return found
 
 
 def _modes(drive: Drive, modes: Modes) -> dict[str, Any]:
@@ -125,6 +260,7 @@ def design_document(design: Any) -> dict[str, Any]:
     asked = [constraint for constraint in design.constraints if not constraint.implied]
     implied = [constraint for constraint in design.constraints if constraint.implied]
     return {
+        "model": model_flags(design.drive),
         "warnings": steady_warnings(design.drive, design.steady),
         "design": dict(design.values),
         "objective": {"initial": design.initial, "final": design.final},  # None: nothing runs

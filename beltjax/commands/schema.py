@@ -40,11 +40,68 @@ class Warned(_Part):
     text: str = _of("the same in words, with names and numbers")
 
 
+class Model(_Part):
+    """Which terms that Kong (2003) leaves out are counted."""
+
+    arm_curvature: bool
+    stretching_arcs: bool
+    belt_inertia: bool
+
+
 class Document(_Part):
     """What every document has."""
 
     schema_: Annotated[Literal["1"], Field(alias="schema", description="version of the document")]
     warnings: list[Warned] = _of("empty where nothing limits the trust")
+    model: Model = _of("of the drive file")
+
+
+class Coordinate(_Part):
+    """Where a tensioner stands, from the drawn position: rad, or m of a linear one."""
+
+    name: str
+    kind: Literal["rotary", "linear"]
+    installed: Maybe = _of("without torques")
+    at_rest: Maybe = _of("with torques")
+    change: Maybe = _of("from at rest to running")
+    at_stop: Literal["least", "greatest"] | None = _of("which stop holds it")
+
+
+class BeltState(_Part):
+    """A belt."""
+
+    name: str
+    tension_change: Maybe = _of("N, from at rest to running")
+    unstretched_length: Maybe = _of("m")
+    path_length: Maybe = _of("m")
+    speed: Maybe = _of("m/s, of the unstretched belt")
+
+
+class PulleyState(_Part):
+    """A pulley."""
+
+    name: str
+    wrap_deg: Maybe
+    speed: Maybe = _of("rad/s, counterclockwise")
+    hub_load: list[float] | None = _of("N, x and y, of the running tensions; null: does not run")
+    torque: Maybe = _of("N m, taken from the belt")
+
+
+class SpanState(_Part):
+    """A span."""
+
+    name: str
+    length: Maybe = _of("m")
+    tension: Maybe = _of("N, running")
+    meter_hz: Maybe = _of("Hz, of the held span at rest, as a tension meter hears it")
+
+
+class IsolatorState(_Part):
+    """An isolator."""
+
+    pulley: str = _of("the first of those that its rim carries")
+    torque: Maybe = _of("N m, from the rim to the hub")
+    wind_up: Maybe = _of("rad, torque over stiffness")
 
 
 class SpanLength(_Part):
@@ -61,7 +118,7 @@ class Layout(_Part):
     wraps_deg: Row = _of("of each pulley")
     path_length: Maybe = _of("m")
     alignment_angles_deg: Annotated[list[float], Field(min_length=2, max_length=2)] | None = _of(
-        "beta_in and beta_out; null without a tensioner"
+        "beta_in and beta_out; null unless one arm carries one pulley"
     )
 
 
@@ -73,7 +130,9 @@ class Reference(_Part):
     arm_angle: Maybe = _of("rad, direction of the arm")
     arm_turn: Maybe = _of("rad, by which torques turned the arm from where it is drawn")
     free_angle: Maybe = _of("rad, with its spring relaxed; whole turns count")
-    tensioner_effectiveness: Maybe = _of("eta; null without a tensioner")
+    tensioner_effectiveness: float | list[Row] | None = _of(
+        "eta; null without a tensioner; of several belts a matrix"
+    )
 
 
 class Groups(_Part):
@@ -91,7 +150,7 @@ class Groups(_Part):
 class Steady(_Part):
     """The running drive."""
 
-    tension_change: Maybe = _of("T, over the tension at rest without torques")
+    tension_change: float | Row | None = _of("T, over the tension at rest without torques")
     tensions: Row = _of("N, of each span")
     arm_rotation: Maybe = _of("rad, from where it is at rest with the torques")
     coupling: Row = _of("Gamma of each span")
@@ -119,12 +178,16 @@ class Analyze(Document):
     """`beltjax analyze`."""
 
     drive: str = _of("name of the drive")
-    pulleys: list[str] = _of("names in listed order")
     success: bool
     layout: Layout
     reference: Reference | None = _of("null where none was found")
     groups: Groups | None
     steady: Steady | None = _of("null where the drive does not run")
+    coordinates: list[Coordinate] | None = _of("of the tensioners; null where none rests")
+    belts: list[BeltState] | None
+    pulleys: list[PulleyState] = _of("in listed order")
+    spans: list[SpanState] = _of("in listed order")
+    isolators: list[IsolatorState] | None
     modes: ModeTable | None = _of("null without inertias")
     sensitivities: Slopes | None
 
@@ -181,7 +244,8 @@ class ForcedResponse(Document):
     pulleys: list[str] = _of("names of the columns")
     spans: list[str] = _of("names of the columns")
     pulley_rotation: Swing = _of("rad")
-    arm_rotation: Swing | None = _of("rad; null without a tensioner")
+    arm_rotation: Swing | None = _of("rad; null unless one arm carries one pulley")
+    coordinates: dict[str, Swing] = _of("of each tensioner, by its name: rad, or m")
     span_peak: Peak = _of("m, largest deflection of each span")
     tension: Swing = _of("N, fluctuation of each span's tension")
     hub_load: Peak = _of("N, on each pulley")
@@ -233,8 +297,9 @@ class Contact(Document):
     driven_moment: Maybe = _of("N m; of two pulleys only")
     torque_factor: Maybe = _of("on the torques of the file; 1 without --maximum")
     string_tension: Maybe = _of("N, that this belt would have as a string in the drawn layout")
-    arm_angle: Maybe = _of("rad")
-    free_angle: Maybe = _of("rad")
+    arm_angle: Maybe = _of("rad; null unless one arm carries one pulley")
+    free_angle: Maybe = _of("rad; likewise")
+    coordinates: dict[str, Maybe] = _of("of each tensioner, from the drawn position: rad, or m")
     unstretched_speed: Maybe = _of("m/s, of the unstretched belt")
     mass_flow: Maybe = _of("kg/s")
     message: str = _of("why it is not feasible, or empty")

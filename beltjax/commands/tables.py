@@ -20,6 +20,9 @@ def analysis_tables(document: dict[str, Any], sizes: dict[str, Any]) -> Group:
     """The tables of `beltjax analyze`, from its JSON document and the numbers of the drive."""
     parts = [*warning_lines(document), _span_table(document)]
     parts += [_pulley_table(document), _summary_table(document)]
+    if document["coordinates"]:
+        parts.append(_coordinate_table(document))
+    parts.append(_model_line(document))
     if document["modes"]:
         parts.append(_mode_table(document["modes"]))
     if document["sensitivities"]:
@@ -52,26 +55,45 @@ def _span_table(document: dict[str, Any]) -> Table:
 
 
 def _pulley_table(document: dict[str, Any]) -> Table:
-    table = plain_table("", "pulley", "wrap (deg)")
-    wraps = document["layout"]["wraps_deg"]
-    for name, wrap in zip(document["pulleys"], wraps, strict=True):
-        table.add_row(escape(name), number(wrap, 1))
+    table = plain_table("", "pulley", "wrap (deg)", "rpm", "torque (N m)", "hub load (N)")
+    for row in document["pulleys"]:
+        load = None if row["hub_load"] is None else math.hypot(*row["hub_load"])
+        rpm = row["speed"] * 30 / math.pi
+        columns = number(rpm, 0), number(row["torque"], 2), number(load, 0)
+        table.add_row(escape(row["name"]), number(row["wrap_deg"], 1), *columns)
     return table
+
+
+def _coordinate_table(document: dict[str, Any]) -> Table:
+    columns = "installed", "at rest", "running", "", "stop"
+    table = plain_table("Tensioners, from the drawn position", "tensioner", *columns)
+    for row in document["coordinates"]:
+        factor, unit = (180 / math.pi, "deg") if row["kind"] == "rotary" else (1e3, "mm")
+        running = row["at_rest"] + row["change"]
+        places = (number(factor * x, 3) for x in (row["installed"], row["at_rest"], running))
+        table.add_row(escape(row["name"]), *places, unit, row["at_stop"] or "")
+    return table
+
+
+def _model_line(document: dict[str, Any]) -> Text:
+    """Which model the numbers are of."""
+    model = document["model"]
+    counted = [name.replace("_", " ") for name, counts in model.items() if counts]
+    if not counted:
+        return Text("model: Kong (2003), as published; docs/model.md says what it leaves out\n")
+    return Text(f"model: with {', '.join(counted)} ([model] of the drive file)\n")
 
 
 def _summary_table(document: dict[str, Any]) -> Table:
     table = plain_table("", "quantity", "value", "unit")
     layout, reference = document["layout"], document["reference"] or {}
     groups, steady = document["groups"] or {}, document["steady"] or {}
-    # A drive without a tensioner has no arm that could turn.
-    has_arm = reference.get("arm_turn") is not None
-    running = steady.get("arm_rotation") if has_arm else None
     rows = [
         ("coupling Gamma, all spans", steady.get("coupling_total"), 4, ""),
         ("tensioner effectiveness eta", reference.get("tensioner_effectiveness"), 4, ""),
         ("tension change T", steady.get("tension_change"), 6, "P0"),
         ("arm's turn, drawn to rest", reference.get("arm_turn"), 6, "rad"),
-        ("arm rotation theta_t, rest to running", running, 6, "rad"),
+        ("arm rotation theta_t, rest to running", steady.get("arm_rotation"), 6, "rad"),
         ("belt length, unstretched", reference.get("unstretched_length"), 6, "m"),
         ("path length", layout["path_length"], 6, "m"),
         ("bending eps", groups.get("bending"), 5, ""),
@@ -79,7 +101,10 @@ def _summary_table(document: dict[str, Any]) -> Table:
         ("stretch gamma", groups.get("stretch"), 2, ""),
     ]
     for label, value, digits, unit in rows:
-        if value is not None:
+        if isinstance(value, list):  # of several belts
+            value = [row[k] for k, row in enumerate(value)] if "eta" in label else value
+            table.add_row(label, ", ".join(number(one, digits) for one in value), unit)
+        elif value is not None:
             table.add_row(label, number(value, digits), unit)
     return table
 

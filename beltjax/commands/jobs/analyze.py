@@ -47,7 +47,7 @@ def analysis_job(path: str | os.PathLike[str], figure: str | None = None) -> Rep
     if why and why.impossible:
         raise FileError(path, why.key, why.message)
     failure = str(FileError(path, why.key, why.message)) if why else ""
-    document: dict[str, Any] = analysis_document(drive, found) | {"success": not failure}
+    document: dict[str, Any] = analysis_document(drive, point, found) | {"success": not failure}
     if has_inertias(drive) and not few:
         document["warnings"].append(modes_left_out(drive, MOST_VIBRATING))
     tables = analysis_tables(document, plain_numbers(drive, point))

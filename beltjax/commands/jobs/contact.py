@@ -10,12 +10,13 @@ from rich.markup import escape
 
 from beltjax.analysis.contact import ContactState, Law, asked, contact_solution, without_friction
 from beltjax.analysis.steady import SteadyState, steady_state
-from beltjax.commands.diagnosis import Diagnosis, speed_key, travel_lead
-from beltjax.commands.documents import plain
+from beltjax.commands.diagnosis import Diagnosis, places_in_words, speed_key, travel_lead
+from beltjax.commands.documents import model_flags, plain
 from beltjax.commands.report import Report
 from beltjax.commands.tables import number, plain_table
 from beltjax.compiling.kept_programs import run_kept
 from beltjax.compiling.quick import quickly_compiled
+from beltjax.drive.bodies import single_arm
 from beltjax.drive.canonical import canonical
 from beltjax.drive.files import load_drive
 from beltjax.drive.installation import BeltGiven
@@ -89,6 +90,7 @@ def contact_document(drive: Drive, state: ContactState) -> dict[str, Any]:
     driven = float(np.abs(moments[int(np.argmin(drive.drives))]))
     return {
         "drive": drive.name,
+        "model": model_flags(drive),
         "feasible": bool(state.feasible),
         "pulleys": _pulleys(drive, state) if found else None,
         "spans": _spans(drive, state) if found else None,
@@ -98,8 +100,12 @@ def contact_document(drive: Drive, state: ContactState) -> dict[str, Any]:
         "driven_moment": driven if found and two else None,
         "torque_factor": plain(state.torque_factor) if found else None,
         "string_tension": _string_tension(drive, state) if found else None,
-        "arm_angle": plain(state.arm_angle) if found else None,
-        "free_angle": plain(state.free_angle) if found else None,
+        "arm_angle": plain(state.arm_angle) if found and single_arm(drive) else None,
+        "free_angle": plain(state.free_angle) if found and single_arm(drive) else None,
+        "coordinates": {
+            body.name: plain(place) if found else None
+            for body, place in zip(drive.tensioners, np.asarray(state.coordinates), strict=True)
+        },
         "unstretched_speed": plain(state.unstretched_speed) if found else None,
         "mass_flow": plain(state.mass_flow) if found else None,
         "message": "" if state.feasible else explanation(state.result),
@@ -111,7 +117,7 @@ def _string_tension(drive: Drive, state: ContactState) -> float | None:
 
     None where the belt is given and an arm moves, so that the drawn layout is not the one at rest.
     """
-    if isinstance(drive.installation, BeltGiven) and drive.tensioner is not None:
+    if isinstance(drive.installation, BeltGiven) and drive.tensioners:
         return None
     path = float(layout(drive, throw=False).path_length)
     return float(drive.belt.axial_stiffness) * (path / float(state.unstretched_length) - 1)
@@ -223,9 +229,7 @@ def _cause(drive: Drive, point: OperatingPoint, state: ContactState) -> tuple[st
     if result == RESULTS.belt_too_stiff:
         return "belt.bending_stiffness", f"pulley {names[int(np.argmin(drive.radii))]}: "
     if result == RESULTS.arm_at_stop:
-        angle = state.arm_angle
-        assert angle is not None  # without an arm there is no stop
-        return "tensioner.stops", f"the arm would stand at {np.degrees(float(angle)):.1f} deg: "
+        return "tensioner.stops", f"{places_in_words(drive, state.coordinates)}: "
     if result == RESULTS.belt_overstretched:
         return speed_key(point), ""
     given = isinstance(drive.installation, BeltGiven)

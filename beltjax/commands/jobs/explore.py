@@ -14,7 +14,7 @@ from rich.console import Group
 from rich.markup import escape
 
 from beltjax.commands.arguments import asked, read_interval, read_named, read_range
-from beltjax.commands.documents import plain
+from beltjax.commands.documents import model_flags, plain
 from beltjax.commands.report import Report
 from beltjax.commands.tables import plain_table
 from beltjax.commands.warnings import drive_warnings, warning_lines
@@ -76,6 +76,7 @@ def exploration_job(path: str, given: Exploring, advance: Advance) -> Report:
         raise FileError(given.store, "", message) from error
     document = {
         "drive": drive.name,
+        "model": model_flags(drive),
         "warnings": drive_warnings(drive, point),
         "store": str(Path(given.store)),
         "designs": designs.total,

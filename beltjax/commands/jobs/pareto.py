@@ -7,7 +7,7 @@ from typing import Any
 
 from rich.console import Group
 
-from beltjax.commands.documents import front_document
+from beltjax.commands.documents import front_document, model_flags
 from beltjax.commands.report import Report
 from beltjax.commands.tables import front_table
 from beltjax.commands.warnings import drive_warnings, warning_lines
@@ -26,7 +26,10 @@ def front_job(
     if not study.pareto:
         raise FileError(path, "pareto", "is missing; give objectives = [..], two or three of them")
     front = optimize.pareto(study, points=points, advance=advance)
-    document = front_document(front) | {"warnings": drive_warnings(study.drive, study.point)}
+    document = front_document(front) | {
+        "model": model_flags(study.drive),
+        "warnings": drive_warnings(study.drive, study.point),
+    }
     files: tuple[tuple[str, bytes], ...] = ()
     if figure:
         from beltjax.draw.front import front_figure  # slow to load

@@ -14,12 +14,13 @@ from beltjax.analysis.damping import Damping
 from beltjax.analysis.response import Excitation, Response, speed_response
 from beltjax.analysis.sweep import CHUNK
 from beltjax.commands.arguments import asked, read_amplitude, read_named, read_range
-from beltjax.commands.documents import plain
+from beltjax.commands.documents import model_flags, plain
 from beltjax.commands.jobs.vibrating import RPM, all_failed, vibrating
 from beltjax.commands.report import Report
 from beltjax.commands.tables import number, plain_table
 from beltjax.commands.warnings import response_warnings, warning_lines
 from beltjax.compiling.quick import in_chunks, quickly_compiled
+from beltjax.drive.bodies import single_arm
 from beltjax.drive.canonical import canonical, canonical_name
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
@@ -148,9 +149,11 @@ def response_document(
         table = kept(table)
         return {"amplitude": plain(np.abs(table)), "phase": plain(np.angle(table))}
 
-    arm = drive.tensioner is not None
+    names = [body.name for body in drive.tensioners]
+    motions = kept(found.tensioner_motions)
     return {
         "drive": drive.name,
+        "model": model_flags(drive),
         "success": bool(good.any()),
         "warnings": response_warnings(drive, found),
         "order": order,
@@ -159,7 +162,8 @@ def response_document(
         "pulleys": list(drive.pulley_names),
         "spans": list(drive.span_names),
         "pulley_rotation": complex_of(found.rotations),
-        "arm_rotation": complex_of(found.arm_rotation) if arm else None,
+        "arm_rotation": complex_of(found.arm_rotation) if single_arm(drive) else None,
+        "coordinates": {name: complex_of(motions[:, k]) for k, name in enumerate(names)},
         "span_peak": {"amplitude": plain(kept(found.span_peaks))},
         "tension": complex_of(found.tensions),
         "hub_load": {"amplitude": plain(kept(found.hub_loads))},
@@ -184,6 +188,10 @@ def response_curves(document: dict[str, Any]) -> dict[str, dict[str, np.ndarray]
             table = factor * np.array(document[key]["amplitude"], dtype=float)
             columns = table.reshape(len(table), -1).T
             curves[kind] = dict(zip(names, columns, strict=True))
+    if document["arm_rotation"] is None:
+        for name, swing in document["coordinates"].items():
+            curve = np.array(swing["amplitude"], dtype=float)
+            curves.setdefault("tensioner motion (rad or m)", {})[name] = curve
     return curves
 
 

@@ -9,6 +9,7 @@ from rich.console import Group
 from rich.markup import escape
 
 from beltjax.commands.arguments import asked, read_named, read_size
+from beltjax.commands.documents import model_flags
 from beltjax.commands.report import Report
 from beltjax.commands.tables import plain_table
 from beltjax.commands.warnings import drive_warnings, warning_lines
@@ -45,7 +46,10 @@ def robust_job(path: str, given: Asked) -> Report:
             )
     except ValueError as error:
         raise FileError(path, "", str(error).rstrip(".")) from error
-    document = _document(drive, found, indices) | {"warnings": drive_warnings(drive, point)}
+    document = _document(drive, found, indices) | {
+        "model": model_flags(drive),
+        "warnings": drive_warnings(drive, point),
+    }
     return Report(document, _tables(document), "")
 
 

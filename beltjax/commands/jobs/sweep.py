@@ -10,7 +10,7 @@ from rich.markup import escape
 
 from beltjax.analysis.sweep import Sweep, require_count, sweep
 from beltjax.commands.arguments import asked, read_named, read_orders, read_range
-from beltjax.commands.documents import plain
+from beltjax.commands.documents import model_flags, plain
 from beltjax.commands.jobs.vibrating import RPM, all_failed, vibrating
 from beltjax.commands.report import Report
 from beltjax.commands.tables import number, plain_table
@@ -74,6 +74,7 @@ def sweep_document(drive: Drive, found: Sweep) -> dict[str, Any]:
     return {
         "drive": drive.name,
         "success": bool(found.good.any()),
+        "model": model_flags(drive),
         "warnings": sweep_warnings(drive, found),
         "over": found.name,
         "unit": found.unit,
