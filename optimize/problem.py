@@ -11,9 +11,8 @@ from jaxtyping import Array, Bool, Float
 from scipy.stats import qmc
 
 from beltjax.analysis.steady import steady_state
-from beltjax.drive.numbers import number_value, with_numbers
+from beltjax.drive.numbers import number_value, value_of, with_numbers, with_values
 from beltjax.drive.system import Drive
-from beltjax.drive.variables import value_of, with_values
 from beltjax.numerics.compilation import quickly_compiled
 
 from .lagrangian import Evaluation

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import beltjax as bj
-from beltjax.analysis.sensitivity import named_numbers
+from beltjax.drive.numbers import named_numbers
 from beltjax.drive.buildable import clearances
 from beltjax.numerics.compilation import quickly_compiled
 
@@ -125,7 +125,9 @@ def flat_numbers(drive, point):
         for value in named_numbers(drive, point).values():
             parts.append(new[start : start + value.size].reshape(value.shape))
             start += value.size
-        return eqx.tree_at(lambda dp: list(named_numbers(*dp).values()), (drive, point), parts)
+        return eqx.tree_at(
+            lambda dp: list(named_numbers(*dp, (drive, point)).values()), (drive, point), parts
+        )
 
     return names, values, put
 

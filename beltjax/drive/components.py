@@ -206,12 +206,17 @@ class Tensioner(Readable):
     pivot: Float[Array, "2"] = eqx.field(
         converter=as_real,
         default=(0.0, 0.0),
-        metadata=number("m", "`[x, y]`, as drawn", parts=("x", "y")),
+        metadata=number("m", "`[x, y]`, as drawn", parts=("x", "y"), kinds=("rotary",)),
     )
     direction: Float[Array, "2"] = eqx.field(
         converter=as_real,
         default=(1.0, 0.0),
-        metadata=number("", "in which it slides: `[dx, dy]` or an angle", parts=("x", "y")),
+        metadata=number(
+            "",
+            "in which it slides: `[dx, dy]` or an angle",
+            parts=("x", "y"),
+            kinds=("linear",),
+        ),
     )
     kind: Float[Array, ""] = eqx.field(converter=as_kind, default="rotary")
     inertia: Float[Array, ""] | None = eqx.field(
@@ -232,7 +237,7 @@ class Tensioner(Readable):
     mass_center: Float[Array, "2"] = eqx.field(
         converter=as_real,
         default=(0.0, 0.0),
-        metadata=number("m", "`[x, y]` of that mass, as drawn", parts=("x", "y")),
+        metadata=number("m", "`[x, y]` of that mass, as drawn", parts=("x", "y"), beside="mass"),
     )
     inertia_center: Float[Array, ""] = eqx.field(
         converter=as_real,
@@ -304,6 +309,7 @@ class Isolator(Readable):
         default=0.0,
         metadata=number("N m s/rad", "for the forced response", at_least=0),
     )
+    name: str = eqx.field(static=True, default="")  # that of its first pulley unless given
 
 
 class Damper(Readable):
@@ -323,6 +329,7 @@ class Damper(Readable):
         metadata=number("N m s/rad", "for the forced response", at_least=0),
     )
     on_rim: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # 1: on the rim, 0: hub
+    name: str = eqx.field(static=True, default="")  # that of its pulley unless given
 
 
 class Model(Readable):

@@ -14,7 +14,7 @@ from rich.console import Group
 from rich.markup import escape
 
 from beltjax.drive.files import load_drive
-from beltjax.drive.numbers import require_numbers, unit_of_number
+from beltjax.drive.numbers import require_numbers, unit_of
 from beltjax.drive.system import Drive
 from beltjax.errors import FileError
 from beltjax.report.documents import plain
@@ -121,7 +121,7 @@ def _designs(drive: Drive, given: Exploring) -> Any:
     read = read_range if given.samples is None else read_interval
     ranges = {}
     for name, text in pairs:
-        reading = functools.partial(read, text, unit_of_number(name))
+        reading = functools.partial(read, text, unit_of(drive, name))
         ranges[name] = asked(f"--over {name}", reading)
     if given.samples is None:
         return asked("--over", lambda: optimize.Grid(ranges))

@@ -9,7 +9,7 @@ from rich.console import Group
 from rich.markup import escape
 
 from beltjax.drive.files import load_drive
-from beltjax.drive.numbers import require_numbers, unit_of_number
+from beltjax.drive.numbers import require_numbers, unit_of
 from beltjax.drive.system import Drive
 from beltjax.errors import FileError
 from beltjax.report.jobs import Report
@@ -61,7 +61,7 @@ def _tolerances(drive: Drive, given: Asked) -> dict[str, Any]:
             name, size = asked(option, functools.partial(read_named, text, "NAME=SIZE"))
             asked(option, functools.partial(require_numbers, drive, [*kinds, name]))
             kinds[name] = kind(
-                asked(f"{option} {name}", functools.partial(read_size, size, unit_of_number(name)))
+                asked(f"{option} {name}", functools.partial(read_size, size, unit_of(drive, name)))
             )
     if not kinds:
         raise FileError("--within", "", "is missing; give at least one tolerance, NAME=SIZE")

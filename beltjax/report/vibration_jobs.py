@@ -14,7 +14,7 @@ from beltjax.analysis.response import Excitation, Response, speed_response
 from beltjax.analysis.sweep import CHUNK, Sweep, require_count, sweep
 from beltjax.drive.canonical import canonical, canonical_name
 from beltjax.drive.files import load_drive
-from beltjax.drive.numbers import require_number, unit_of_number
+from beltjax.drive.numbers import require_number, unit_of
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.errors import FileError
@@ -48,7 +48,7 @@ def sweep_job(
     drive, point = _vibrating(path)
     name, text = asked("--over", lambda: read_named(over, "NAME=FROM:TO:POINTS"))
     asked("--over", lambda: require_number(drive, name))
-    values = asked("--over", lambda: read_range(text, unit_of_number(name)))
+    values = asked("--over", lambda: read_range(text, unit_of(drive, name)))
     lines = asked("--orders", lambda: read_orders(orders))
     asked("--count", lambda: require_count(drive, count))
     found = sweep(drive, point, name, values, count=count, advance=advance)
