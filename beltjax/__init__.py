@@ -15,7 +15,7 @@ __version__ = "0.1.0"
 # In a checkout the package `optimize` lies beside this one and is found there; an installation
 # has it inside.
 _BESIDE = Path(__file__).resolve().parents[1]
-if (_BESIDE / "optimize" / "postoptimal.py").is_file() and (_BESIDE / "pyproject.toml").is_file():
+if (_BESIDE / "optimize" / "study_file.py").is_file() and (_BESIDE / "pyproject.toml").is_file():
     __path__.append(str(_BESIDE))
 
 _from_stub, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

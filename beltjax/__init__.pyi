@@ -33,8 +33,9 @@ from .analysis.steady import steady_state as steady_state
 from .analysis.sweep import Sweep as Sweep
 from .analysis.sweep import sweep as sweep
 from .analysis.tracking import Veering as Veering
-from .drive.components import Belt as Belt
+from .compiling.quick import quick_jit as quick_jit
 from .drive.components import ArmSpring as ArmSpring
+from .drive.components import Belt as Belt
 from .drive.components import Damper as Damper
 from .drive.components import Isolator as Isolator
 from .drive.components import Model as Model
@@ -52,15 +53,14 @@ from .drive.layout import layout as layout
 from .drive.operation import ExcitationGiven as ExcitationGiven
 from .drive.operation import OperatingPoint as OperatingPoint
 from .drive.system import Drive as Drive
-from .errors import FileError as FileError
+from .files.errors import FileError as FileError
 from .numerics.bases import Legendre as Legendre
 from .numerics.bases import Sine as Sine
-from .numerics.bvp import BVPSolution as BVPSolution
-from .numerics.bvp import solve_bvp as solve_bvp
-from .numerics.bvp_continuation import Branch as Branch
-from .numerics.bvp_continuation import continue_bvp as continue_bvp
-from .numerics.bvp_continuation import follow_branch as follow_branch
-from .numerics.compilation import quick_jit as quick_jit
+from .numerics.bvp.continuation import Branch as Branch
+from .numerics.bvp.continuation import continue_bvp as continue_bvp
+from .numerics.bvp.continuation import follow_branch as follow_branch
+from .numerics.bvp.solve import BVPSolution as BVPSolution
+from .numerics.bvp.solve import solve_bvp as solve_bvp
 from .results import RESULTS as RESULTS
 from .results import AnalysisError as AnalysisError
 

@@ -9,7 +9,7 @@ INTERRUPTED = 130
 def main() -> NoReturn:
     """Run the command line; an interrupt, even during the imports, ends it in one line."""
     try:
-        from beltjax.cli import run
+        from beltjax.commands.cli import run
 
         status = run()
     except KeyboardInterrupt:

@@ -12,7 +12,7 @@ import optimistix as optx
 from jax.core import Tracer
 from jaxtyping import Array, Bool
 
-from beltjax.numerics.slopes import frozen_unless
+from beltjax.numerics.derivative_rules import frozen_unless
 
 Value = TypeVar("Value")
 
@@ -54,6 +54,8 @@ if TYPE_CHECKING:
         belt_too_short: "RESULTS"
         belt_overstretched: "RESULTS"
         arm_at_stop: "RESULTS"
+        stops_cycle: "RESULTS"
+        tensioner_unstable: "RESULTS"
         span_slack: "RESULTS"
         belt_stiff_on_pulley: "RESULTS"
         steady_state_not_found: "RESULTS"
@@ -126,6 +128,14 @@ else:
         arm_at_stop = (
             "The tensioner's arm would pass one of its stops. Widen tensioner.stops, or change "
             "the belt length, the tension or the torques."
+        )
+        stops_cycle = (
+            "No set of stops is consistent: a tensioner leaves each stop that holds it and comes "
+            "back. Widen its stops, or look for two positions in which the drive can rest."
+        )
+        tensioner_unstable = (
+            "The springs do not hold a tensioner against the belt: it is over center and snaps "
+            "away. Raise its stiffness, or turn the arm so that its pulley moves into the belt."
         )
         span_slack = (
             "A span has lost its tension. Raise the pretension or lower the belt speed or the "

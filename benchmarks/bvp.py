@@ -26,12 +26,12 @@ jax.config.update("jax_enable_x64", True)
 
 import beltjax as bj  # noqa: E402
 from beltjax.analysis.steady import steady_model  # noqa: E402
-from beltjax.numerics.bvp_gauss import gauss  # noqa: E402
+from beltjax.numerics.bvp.gauss import gauss  # noqa: E402
 from beltjax.physics import steady_collocation  # noqa: E402
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
-from numerics import cash_mazzia as cm  # noqa: E402  # pyright: ignore
+from numerics.bvp import cash_mazzia as cm  # noqa: E402  # pyright: ignore
 
 BATCH = 256
 TOL = 1e-6

@@ -2,7 +2,8 @@
 
     python benchmarks/contact.py
 
-The peer is `contact_peer` at its default tolerance, 1e-6; errors are those of all tensions and
+The peer is `beltjax.validation.peers.contact` at its default tolerance, 1e-6; errors are those of
+all tensions and
 wraps, relative, against the peer at 1e-7 and 1e-11. "with slopes" is a value and the derivative of
 the efficiency by every number of the drive, in reverse mode; its rate is compared with the
 peer's for a value alone.
@@ -13,7 +14,6 @@ import sys
 import time
 from pathlib import Path
 
-import contact_peer as peer
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -22,6 +22,7 @@ from timing import Row, best_time, compiled, show
 
 import beltjax as bj
 from beltjax.analysis.contact import contact_solution
+from beltjax.validation.peers import contact as peer
 
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests"))

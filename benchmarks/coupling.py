@@ -21,12 +21,12 @@ import numpy as np
 
 jax.config.update("jax_enable_x64", True)
 
-from standard_form import solve_standard_form  # noqa: E402
 from timing import Row, best_time, compiled, show  # noqa: E402
 
 import beltjax as bj  # noqa: E402
-from beltjax.drive.numbers import named_numbers  # noqa: E402
 from beltjax.analysis.steady import steady_model  # noqa: E402
+from beltjax.drive.numbers import named_numbers  # noqa: E402
+from beltjax.validation.peers.standard_form import solve_standard_form  # noqa: E402
 
 DRIVE = Path(__file__).parents[1] / "examples" / "three_pulley.toml"
 REFERENCES = 6  # designs that SciPy solves, both to time it and to 1e-10 for the true error

@@ -22,7 +22,7 @@ import beltjax as bj  # noqa: E402
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 LOST = 1e3
-problem, search = bj.optimize.problem, bj.optimize.search
+problem, search = bj.optimize.problem, bj.optimize.search.search
 
 
 def timed(function):

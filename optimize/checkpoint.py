@@ -10,7 +10,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from beltjax.writing import write_whole
+from beltjax.files.writing import write_whole
 
 from .study import Study
 

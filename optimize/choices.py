@@ -8,13 +8,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from beltjax.compiling.quick import quickly_compiled, usual_promotion
 from beltjax.drive.components import as_real
 from beltjax.drive.numbers import with_numbers
-from beltjax.numerics.compilation import quickly_compiled, usual_promotion
 
-from .outcome import Design, report
+from .design import Design, report
 from .problem import Starts, limited_rows, starting_points, with_implied_constraints
-from .search import (
+from .search.search import (
     FEW,
     Advance,
     batch_step,

@@ -9,8 +9,8 @@ import jax
 import jax.numpy as jnp
 import openmdao.api as om
 
+from beltjax.compiling.quick import quickly_compiled
 from beltjax.drive.numbers import unit_of, with_values
-from beltjax.numerics.compilation import quickly_compiled
 
 from .problem import Measured, measured, own_values, part_counts
 from .quantities import quantity

@@ -11,12 +11,12 @@ from jaxtyping import Array, Bool, Float
 from scipy.stats import qmc
 
 from beltjax.analysis.steady import steady_state
+from beltjax.compiling.quick import quickly_compiled
 from beltjax.drive.numbers import number_value, value_of, with_numbers, with_values
 from beltjax.drive.system import Drive
-from beltjax.numerics.compilation import quickly_compiled
 
-from .lagrangian import Evaluation
 from .quantities import Answers, quantity
+from .search.augmented_lagrangian import Evaluation
 from .study import Limits, Study, split_name
 
 CANDIDATES = 8  # random designs drawn for each start; the first ones that run are used

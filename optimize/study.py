@@ -14,8 +14,8 @@ from beltjax.drive.numbers import require_numbers, variable_names
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 
-from .measures import Scatter
 from .quantities import Quantity, is_forced, quantity
+from .robust.scatter import Scatter
 
 Method = Literal["augmented-lagrangian", "slsqp", "trust-constr", "ipopt"]
 METHODS = get_args(Method)

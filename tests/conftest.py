@@ -19,20 +19,25 @@ import pytest  # noqa: E402
 from schemas import documented  # noqa: E402
 
 import beltjax.__main__  # noqa: E402
-import beltjax.cli  # noqa: E402
+import beltjax.commands.cli  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 
 
 # These run the three-pulley study.
-STUDIES = ("test_cli.py", "test_cli_study.py", "test_design.py", "test_readme.py")
+STUDIES = (
+    "test_cli.py",
+    "test_studies_of_examples.py",
+    "test_minimization.py",
+    "test_readme.py",
+)
 
 
 @pytest.fixture
 def run(monkeypatch, capsys, tmp_path):
     """Run the command line in this process, in an empty folder: status, output, errors."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(beltjax.cli, "_prepare_jax", lambda: None)
+    monkeypatch.setattr(beltjax.commands.cli, "_prepare_jax", lambda: None)
 
     def call(*words):
         monkeypatch.setattr(sys, "argv", ["beltjax", *map(str, words)])

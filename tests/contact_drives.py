@@ -10,10 +10,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from contact_peer import Arm, PeerDrive
 from drives import build, example, random_drives
 
 import beltjax as bj
+from beltjax.validation.peers.contact import Arm, PeerDrive
 
 _PLACES = {
     "EI": lambda d, p: d.belt.bending_stiffness,

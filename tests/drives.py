@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 
 import beltjax as bj
-from beltjax.drive.numbers import named_numbers
+from beltjax.compiling.quick import quickly_compiled
 from beltjax.drive.buildable import clearances
-from beltjax.numerics.compilation import quickly_compiled
+from beltjax.drive.numbers import named_numbers
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 

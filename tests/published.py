@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from beltjax.physics.steady import SteadyModel
-from beltjax.report.validation.printed import steady as printed
-from beltjax.report.validation.printed.steady import ARM, BETA, BETA_INEFFECTIVE, EVEN, TABLE_3_3
-from beltjax.report.validation.printed.value import Value
+from beltjax.validation.printed import steady as printed
+from beltjax.validation.printed.steady import ARM, BETA, BETA_INEFFECTIVE, EVEN, TABLE_3_3
+from beltjax.validation.printed.value import Value
 
 # The prototype of Tables 3.2 and 4.1; span lengths as its geometry gives them.
 SPANS = np.array([0.15479868, 0.34489550, 0.55182632])

@@ -1,9 +1,9 @@
 """Converged values of chapter 5 beside the printed ones, with the digits they are known to."""
 
-from beltjax.report.validation.printed.contact import CRITICAL_SPEED as CRITICAL_SPEED
-from beltjax.report.validation.printed.contact import FIGURE_5_7 as FIGURE_5_7
-from beltjax.report.validation.printed.contact import TABLE_5_2 as TABLE_5_2
-from beltjax.report.validation.printed.value import Value, values
+from beltjax.validation.printed.contact import CRITICAL_SPEED as CRITICAL_SPEED
+from beltjax.validation.printed.contact import FIGURE_5_7 as FIGURE_5_7
+from beltjax.validation.printed.contact import TABLE_5_2 as TABLE_5_2
+from beltjax.validation.printed.value import Value, values
 
 # Fig. 5.8: by EI and c/c_cr, the maximum moment M2/(R2 T_ini) and the efficiency.
 _FIGURE_5_8 = {

@@ -5,7 +5,7 @@ import json
 
 from jsonschema import Draft202012Validator
 
-from beltjax.report.schema import DOCUMENTS, FOLDER
+from beltjax.commands.schema import DOCUMENTS, FOLDER
 
 
 @functools.cache

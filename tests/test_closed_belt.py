@@ -3,8 +3,16 @@
 import numpy as np
 import pytest
 from closed_belt import BeltData, PulleyData, SpanData, balances, integrated_span
-from contact_peer import Arm, Chain, PeerDrive, contact_state, maximum_moment, replace
-from span_peer import bent_span
+
+from beltjax.validation.peers.contact import (
+    Arm,
+    Chain,
+    PeerDrive,
+    contact_state,
+    maximum_moment,
+    replace,
+)
+from beltjax.validation.peers.span import bent_span
 
 TIGHT = (1e-7, 1e-11)  # solve_bvp's and the root finders' tolerances
 TWO_EQUAL = PeerDrive(  # Table 5.1

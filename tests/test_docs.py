@@ -33,13 +33,13 @@ WRITTEN = {
 
 
 STUDY_TABLES = (
-    bj.optimize.files.VariableTable,
-    bj.optimize.files.ConstraintTable,
-    bj.optimize.files.ObjectiveTable,
-    bj.optimize.files.ChoiceTable,
-    bj.optimize.files.ParetoTable,
-    bj.optimize.files.OptimizerTable,
-    bj.optimize.files.StudyTable,
+    bj.optimize.study_file.VariableTable,
+    bj.optimize.study_file.ConstraintTable,
+    bj.optimize.study_file.ObjectiveTable,
+    bj.optimize.study_file.ChoiceTable,
+    bj.optimize.study_file.ParetoTable,
+    bj.optimize.study_file.OptimizerTable,
+    bj.optimize.study_file.StudyTable,
 )
 
 

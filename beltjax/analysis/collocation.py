@@ -5,7 +5,7 @@ from jaxtyping import Array, Float
 
 from beltjax.analysis.steady import AbstractSteadyMethod
 from beltjax.drive.components import as_real
-from beltjax.numerics.bvp_gauss import MOST_STAGES, gauss
+from beltjax.numerics.bvp.gauss import MOST_STAGES, gauss
 from beltjax.physics import steady as physics
 from beltjax.physics import steady_collocation as collocation
 
@@ -31,7 +31,7 @@ class Collocation(AbstractSteadyMethod):
             )
 
     def solve(self, model: physics.SteadyModel) -> physics.SteadySolution:
-        """All spans at once; T and th by Newton's method on the two equations that join them."""
+        """All spans at once; T and q by Newton's method on the equations that join them."""
         scheme, finer = gauss(self.stages), gauss(self.stages + 1)
         return collocation.collocated(model, scheme, finer, self.intervals, self.tol)
 
@@ -42,7 +42,7 @@ class Collocation(AbstractSteadyMethod):
         assert solved.coupling is not None
         return solved.coupling
 
-    def deflection(self, model: physics.SteadyModel, th, Q, i, x: Array) -> Array:
+    def deflection(self, model: physics.SteadyModel, q, Q, i, x: Array) -> Array:
         """The collocation polynomial."""
         scheme = gauss(self.stages)
-        return collocation.deflection(model, th, Q, i, x, scheme, self.intervals)
+        return collocation.deflection(model, q, Q, i, x, scheme, self.intervals)

@@ -8,25 +8,21 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from beltjax.analysis.reference import (
-    LARGEST_STRAIN,
-    beyond_stops,
-    held_by_belt,
-    held_by_tension,
-    resting,
-)
+from beltjax.analysis.installed import free_positions, held, held_by_tensions
+from beltjax.analysis.reference import LARGEST_STRAIN, resting
+from beltjax.compiling.batched_loops import in_lanes_of
+from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.canonical import canonical
 from beltjax.drive.components import as_real, concrete
-from beltjax.drive.groups import ContactGroups, Scales, TravelOrder, contact_groups
-from beltjax.drive.installation import BeltGiven, TensionGiven
+from beltjax.drive.contact_groups import ContactGroups, TravelOrder, contact_groups
+from beltjax.drive.groups import Scales
+from beltjax.drive.installation import AdjustedToMark, AdjustedToTension, BeltGiven, TensionGiven
 from beltjax.drive.layout import Layout, layout
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.placeholders import harmless, usable
 from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
-from beltjax.numerics.compilation import boundary_jit
-from beltjax.numerics.lanes import in_lanes_of
-from beltjax.numerics.slopes import differentiated_once
+from beltjax.numerics.derivative_rules import differentiated_once
 from beltjax.physics import contact as physics
 from beltjax.physics import contact_search as search
 from beltjax.results import (
@@ -69,8 +65,11 @@ class ContactState(Readable):
     efficiency: Float[Array, ""]  # power delivered over power taken up
     driver_moment: Float[Array, ""]  # magnitude [N m]
     torque_factor: Float[Array, ""]  # on the operating point's torques; 1 unless they were scaled
-    arm_angle: Float[Array, ""] | None  # direction of the arm [rad]
-    free_angle: Float[Array, ""] | None
+    coordinates: Float[Array, " coordinates"]  # from the drawn positions [rad] or [m]
+    installed: Float[Array, " coordinates"]  # at rest without torques
+    at_stop: Float[Array, " coordinates"]  # -1 at the least, 1 at the greatest coordinate, else 0
+    arm_angle: Float[Array, ""] | None  # direction of a single arm [rad]
+    free_angle: Float[Array, ""] | None  # with its spring relaxed
     order: TravelOrder  # of what is listed, as the belt meets it
     forward: Bool[Array, ""]  # whether the belt runs in the listed order
     inside_left: Bool[Array, ""]  # whether the loop's inside is on the left of the running belt
@@ -125,6 +124,8 @@ def maximum_moment(
 def _contact(drive, point, law: Law, maximum: bool, throw: bool) -> ContactState:
     if law not in LAWS:
         raise ValueError(f"law {law!r} is not one of {', '.join(map(repr, LAWS))}.")
+    if len(drive.belts) > 1:
+        raise ValueError("Contact is that of one belt: take each apart with `bj.one_belt`.")
     bare = without_friction(drive, point, maximum)
     if bare is not None:
         raise ValueError(f"Pulley {bare!r} has torque; contact needs its friction.")
@@ -169,16 +170,14 @@ def contact_solution(drive: Drive, point: OperatingPoint, law, maximum) -> Conta
     taken, scalable = _torques(drive, point, start.tension, maximum)
     groups, scales = contact_groups(drive, point, taken, start.tension)
     model = contact_model(groups, law)
-    held = search.Held(start.length / scales.length, start.wind_up)
-    rested, solved = _solutions(drive, model, held, start.turn, maximum)
+    rested, solved, installed = _solutions(drive, groups, scales, model, start, maximum)
     loop = solved.loop
     travel = jax.lax.stop_gradient(point.travel)
     strain = (jnp.max(loop.C) + loop.g) / groups.stretch
     bare = jnp.exp(solved.unknown.level) < _BARE
     loaded = model.loaded > 0
     narrow = (maximum > 0) & jnp.any(loaded & (loop.wrap < _NARROW))
-    arm_angle = drawn.arm_angle + solved.unknown.turn
-    moved = layout(drive, solved.unknown.turn, throw=False)
+    moved = layout(drive, solved.unknown.q * groups.units, throw=False)
     missing = first_failure(
         (~good, RESULTS.numbers_unusable),
         (~drawable, drawn.result),
@@ -195,53 +194,66 @@ def contact_solution(drive: Drive, point: OperatingPoint, law, maximum) -> Conta
         (strain > LARGEST_STRAIN, RESULTS.belt_overstretched),
         (jnp.any(loaded & (loop.wrap <= 0)), RESULTS.wrap_vanished),
         (jnp.any(loaded & (loop.wrap - loop.slip < -_SLIPPING)), RESULTS.gross_slip),
-        (beyond_stops(drive, arm_angle), RESULTS.arm_at_stop),
+        (_past_stops(start.at_stop, solved, model), RESULTS.arm_at_stop),
     )
     found = succeeded(missing)
-    state = _state(drive, travel, scales, model, solved, drawn.arm_angle, found, result)
-    if isinstance(drive.installation, TensionGiven):
+    in_si = installed * groups.units, start.at_stop, drawn
+    state = _state(drive, groups, travel, scales, model, solved, in_si, found, result)
+    if not isinstance(drive.installation, BeltGiven):
         # The belt at rest and the running belt are found in one scan, in which JAX (0.10 to 0.12)
         # forgets custom rules when it differentiates forward over reverse.
         state = differentiated_once(state)
     return frozen_where_failed(state, missing)
 
 
+def _past_stops(at_stop, solved: search.Solved, model: physics.ContactModel) -> Bool[Array, ""]:
+    """Whether a free body is beyond a stop, or a stop would have to pull the one it holds."""
+    q, stops = solved.unknown.q, model.bodies.stops
+    left = model.K @ q - solved.held.relaxed - solved.loop.push  # force of the stop
+    beyond = (at_stop == 0) & ((q < stops[:, 0]) | (q > stops[:, 1]))
+    pulled = ((at_stop < 0) & (left < 0)) | ((at_stop > 0) & (left > 0))
+    return jnp.any((beyond | pulled) & (model.bodies.locked == 0))
+
+
 class _Start(NamedTuple):
     """What the installation gives, and where a search begins."""
 
     tension: Float[Array, ""]  # [N]
-    turn: Float[Array, ""]  # of the arm from where it is drawn [rad]
+    coordinates: Float[Array, " coordinates"]  # from the drawn positions [rad] or [m]
     length: Float[Array, ""]  # of the unstretched belt [m]; 1 where it follows from the tension
-    wind_up: Float[Array, ""]  # drawn arm angle less free angle [rad]; 0 where it follows
+    relaxed: Float[Array, " coordinates"]  # force of the springs at the drawn positions
+    at: Float[Array, " coordinates"]  # of the string at rest without torques
+    at_stop: Float[Array, " coordinates"]
     result: RESULTS  # of the string
 
 
 def _with_belt_of_the_string(drive: Drive, drawn: Layout) -> Drive:
-    """`drive`; where its tension is that of a string, with the belt and spring that gives it."""
+    """`drive`; where its tension is that of a string, with the belt and springs that gives it."""
     rule = drive.installation
     if not isinstance(rule, TensionGiven) or rule.tension_of != "string":
         return drive
-    held = held_by_tension(drive, drawn, rule.tension)
-    free = None if drive.tensioner is None else drawn.arm_angle - held.wind_up
-    return dataclasses.replace(drive, installation=BeltGiven(held.length, free))
+    tension = jnp.full_like(drawn.span_lengths, rule.tension)
+    string = held_by_tensions(drive, drawn, tension)
+    free = string.free if len(string.free) else None
+    return dataclasses.replace(drive, installation=BeltGiven(string.lengths[0], free=free))
 
 
 def _installed(drive: Drive, point: OperatingPoint) -> _Start:
-    rule, still = drive.installation, jnp.zeros(())
-    if isinstance(rule, TensionGiven):
-        return _Start(rule.tension, still, jnp.ones(()), still, RESULTS.successful)
+    rule, still = drive.installation, jnp.zeros(len(drive.tensioners))
     string = resting(drive, point)
+    rested = succeeded(string.result)
+    at = jnp.where(rested, string.coordinates, 0.0)
+    bare = jnp.where(rested, string.installed, 0.0)
+    stop = jnp.where(rested, string.at_stop, 0.0)
+    fixed = jax.lax.stop_gradient
+    if isinstance(rule, TensionGiven | AdjustedToTension):
+        length = rule.belt_length if isinstance(rule, AdjustedToTension) else jnp.ones(())
+        by_tension = rule.tension, *fixed((bare,)), length, still, *fixed((bare, stop))
+        return _Start(*by_tension, RESULTS.successful)
     drawn = layout(drive, throw=False)
-    held = held_by_belt(drawn, rule)
-    turn = still
-    if string.arm_angle is not None:
-        turn = jnp.where(succeeded(string.result), string.arm_angle - drawn.arm_angle, 0.0)
-    return _Start(
-        *jax.lax.stop_gradient((string.base_tension, turn)),
-        held.length,
-        held.wind_up,
-        string.result,
-    )
+    springs_of = held(drive, rule.belt_length[None], free_positions(drive, drawn, rule))
+    tension, at, bare, stop = fixed((string.base_tension, at, bare, stop))
+    return _Start(tension, at, rule.belt_length, springs_of.relaxed, bare, stop, string.result)
 
 
 def _torques(drive: Drive, point: OperatingPoint, tension, maximum):
@@ -269,41 +281,70 @@ def contact_model(groups: ContactGroups, law: Float[Array, ""]) -> physics.Conta
         pull=groups.pulls,
         driver=groups.drives,
         loaded=jax.lax.stop_gradient((groups.pulls != 0).astype(float)),
-        carried=groups.carried,
-        arm=groups.arm,
-        k_r=groups.spring,
+        bodies=groups.bodies,
+        housed=groups.housed,
+        K=groups.stiffness,
+        together=groups.springs.together,
+        floating=groups.springs.floating,
+        first=groups.springs.first,
         motion=motion,
     )
 
 
-def _solutions(drive: Drive, model: physics.ContactModel, held: search.Held, turn, maximum):
-    """Whether the belt was found at rest, and the running belt."""
-    one, zero = jnp.ones(()), jnp.zeros(())
+def _solutions(drive: Drive, groups, scales, model, start: _Start, maximum):
+    """Whether the belt was found at rest, the running belt, and where the bodies are installed."""
+    rule, units = drive.installation, groups.units
+    one, zero, none = jnp.ones(()), jnp.zeros(()), jnp.zeros_like(units)
+    fixed = jax.lax.stop_gradient
     widest = jnp.max(jnp.abs(jnp.cumsum(model.pull)))
     half = jnp.log(0.5 / jnp.where(widest > 0, widest, 1.0))
-    start = search.likely(one, turn, jnp.where(maximum > 0, half, 0.0), model)
-    running = search.Task(zero, maximum, one, held)
-    if isinstance(drive.installation, BeltGiven):
-        return jnp.array(True), search.solve(model, running, start, start)
+    stops = model.bodies.stops
+    at_stop = jnp.where(
+        start.at_stop < 0, stops[:, 0], jnp.where(start.at_stop > 0, stops[:, 1], 0)
+    )
+    bolted = fixed(jnp.maximum(model.bodies.locked, jnp.abs(start.at_stop)))
+    holding = search.Held(
+        start.length / scales.length, start.relaxed * units / scales.energy, at_stop
+    )
+    begin = search.likely(one, start.coordinates / units, jnp.where(maximum > 0, half, 0.0), model)
+    unmarked = jnp.zeros_like(model.K)
+    running = search.Task(zero, zero, maximum, one, holding, bolted, none, unmarked)
+    if isinstance(rule, BeltGiven):
+        return jnp.array(True), search.solve(model, running, begin, begin), start.at / units
     still = search.at_rest(model)
-    resting = search.Task(one, zero, one, held), search.likely(one, zero, zero, still)
+    unbent = search.likely(one, start.at / units, zero, still)
+    rest = running._replace(maximum=zero, fixed=model.bodies.locked, held=holding._replace(at=none))
+    if isinstance(rule, AdjustedToMark):
+        adjusted, marked = map(fixed, (rule.adjusted, rule.marked))
+        rest = rest._replace(
+            marks=adjusted[:, None] * (marked - adjusted),
+            held=holding._replace(at=adjusted * rule.mark / units),
+        )
+    else:
+        adjusted = fixed(getattr(rule, "adjusted", none))
+        rest = rest._replace(resting=one, by_tension=one, adjusted=adjusted)
     stages = jax.tree.map(
-        lambda a, b: jnp.stack([a, b]), (still, *resting), (model, running, start)
+        lambda a, b: jnp.stack([a, b]), (still, rest, unbent), (model, running, begin)
     )
 
     # One after the other through one compiled search: the first finds the belt for the second.
     def stage(before, now):
-        held, origin = before
+        kept, origin = before
         model, task, start = now
         # Torques that are scaled to the largest have no belt without torques to come from.
         origin = jax.tree.map(lambda a, b: jnp.where(task.maximum > 0, a, b), start, origin)
-        solved = search.solve(model, task._replace(held=held), start, origin)
+        first = (jnp.sum(task.marks**2) > 0) | (task.resting > 0)
+        # Bodies at a stop stand there; bolted ones where they were found before.
+        at = jnp.where(model.bodies.locked > 0, kept.at, task.held.at)
+        kept = search.Held(kept.L0, kept.relaxed, at)
+        kept = jax.tree.map(lambda a, b: jnp.where(first, a, b), task.held, kept)
+        solved = search.solve(model, task._replace(held=kept), start, origin)
         return (solved.held, jax.lax.stop_gradient(solved.unknown)), solved
 
-    first = in_lanes_of(model.EI, (held, resting[1]))
+    first = in_lanes_of(model.EI, (rest.held, unbent))
     _, both = jax.lax.scan(stage, first, stages)
-    rest, run = (jax.tree.map(lambda x, k=k: x[k], both) for k in (0, 1))
-    return rest.converged, run
+    rested, run = (jax.tree.map(lambda x, k=k: x[k], both) for k in (0, 1))
+    return rested.converged, run, rested.unknown.q
 
 
 def _too_stiff(model: physics.ContactModel) -> Bool[Array, ""]:
@@ -314,7 +355,7 @@ def _too_stiff(model: physics.ContactModel) -> Bool[Array, ""]:
     return jnp.max(model.EI / model.rho**2 / 2) >= 1.0
 
 
-def _state(drive, travel, scales, model, solved, drawn, found, result) -> ContactState:
+def _state(drive, groups, travel, scales, model, solved, in_si, found, result) -> ContactState:
     """The solution in SI and listed order."""
     loop, force, length = solved.loop, scales.tension, scales.length
     order, factor = TravelOrder.of(len(model.rho), travel), jnp.exp(solved.unknown.scale)
@@ -326,6 +367,10 @@ def _state(drive, travel, scales, model, solved, drawn, found, result) -> Contac
     surface = physics.speed(loop.P_in, model.EI * loop.kap**2 / 2, loop, model)
     taken = factor * model.pull
     radii = drive.radii
+    installed, at_stop, drawn = in_si
+    single = len(drive.tensioners) == 1
+    coordinates = solved.unknown.q * groups.units
+    stiff = jnp.where(model.K > 0, model.K, 1.0)
     return ContactState(
         wraps=loop.touching[order.pulleys],
         slips=loop.slip[order.pulleys],
@@ -344,8 +389,11 @@ def _state(drive, travel, scales, model, solved, drawn, found, result) -> Contac
         efficiency=physics.efficiency(loop, model),
         driver_moment=jnp.abs(model.driver @ taken) * force * (drive.drives @ radii),
         torque_factor=factor,
-        arm_angle=None if drive.tensioner is None else drawn + solved.unknown.turn,
-        free_angle=None if drive.tensioner is None else drawn - solved.held.wind_up,
+        coordinates=coordinates,
+        installed=installed,
+        at_stop=at_stop,
+        arm_angle=drawn.arm_angle + coordinates[0] if single else None,
+        free_angle=drawn.arm_angle + solved.held.relaxed[0] / stiff[0, 0] if single else None,
         order=order,
         forward=travel > 0,
         inside_left=drive.sense * travel > 0,

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from beltjax.analysis.contact import ContactState
-from beltjax.numerics.compilation import usual_promotion
+from beltjax.compiling.quick import usual_promotion
 from beltjax.physics import contact as physics
 from beltjax.physics.elastica import curvature_along
 

@@ -1,7 +1,9 @@
 """Damping of a linearized drive."""
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
+from jax.scipy.linalg import block_diag
 from jaxtyping import Array, Float
 
 from beltjax.analysis.linearization import Linearization
@@ -10,11 +12,12 @@ from beltjax.numerics.gyroscopic import modal_damping
 
 
 class Damping(eqx.Module):
-    """Viscous damping: of all modes alike, of the belt's and arm's stiffness, and of the arm.
+    """Viscous damping: of all modes alike, of the whole stiffness, and of the drive's dampers.
 
     `modal` is the damping ratio of every mode of the drive without gyroscopic forces;
-    `stiffness` [s] the factor of the stiffness matrix. The arm's own damper is the drive's
-    `Tensioner.damping`, counted unless `arm` is False. Raises `ValueError` where negative.
+    `stiffness` [s] the factor of the stiffness matrix. The dampers of tensioners, arm springs,
+    isolators and rings are the drive's, counted unless `arm` is False. Raises `ValueError` where
+    negative.
     """
 
     modal: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)
@@ -35,6 +38,17 @@ def damping_matrix(linearization: Linearization, damping: Damping) -> Float[Arra
     lin = linearization
     matrix = damping.stiffness / lin.scales.time * lin.stiffness
     matrix = matrix + modal_damping(lin.mass, lin.stiffness, damping.modal)
-    if lin.has_arm and damping.arm:
-        matrix = matrix.at[-1, -1].add(lin.steady.groups.arm_damping)
+    if damping.arm:
+        rotors, bodies = own_damping(lin)
+        none = jnp.zeros((lin.spans * lin.basis.size,) * 2)
+        matrix = matrix + block_diag(none, rotors, bodies)
     return matrix
+
+
+def own_damping(
+    linearization: Linearization,
+) -> tuple[Float[Array, "turning turning"], Float[Array, "coordinates coordinates"]]:
+    """By the drive's own dampers, on the rotors that turn and on the tensioners, dimensionless."""
+    lin, groups = linearization, linearization.steady.groups
+    moving = lin.model.movable[:, None] * lin.model.movable
+    return groups.rotor_damping[lin.rotors][:, lin.rotors], moving * groups.arm_damping

@@ -5,30 +5,26 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from beltjax.analysis.steady import SteadyState
+from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.canonical import strongly_typed
 from beltjax.drive.components import as_optional
-from beltjax.drive.groups import Scales
+from beltjax.drive.groups import Groups, Scales
+from beltjax.drive.shafts import rotors
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis, Legendre
-from beltjax.numerics.compilation import boundary_jit
 from beltjax.physics import span
-from beltjax.physics.vibration import (
-    VibrationModel,
-    assembled,
-    elongations,
-    turning_strains,
-)
+from beltjax.physics.vibration import VibrationModel, assembled, elongations
 from beltjax.results import RESULTS, frozen_where_failed, raise_unless_successful, succeeded
 
 
 class Linearization(eqx.Module):
     """M z'' + G z' + K z = f about a steady state, dimensionless.
 
-    Coordinates: the basis functions of span 1, of span 2, .., the rotations of the pulleys
-    `pulleys` [rad, in the direction of belt travel], the arm's rotation if there is an arm.
-    Energies are in P0 r_t, times in `scales.time`. The driver is held unless `free`. The matrices
-    follow from `model` and `elongations`, through which the derivatives of undamped frequencies
-    are taken: a change to a matrix alone has none.
+    Coordinates: the basis functions of span 1, of span 2, .., the rotations of the rotors
+    `rotors` [rad, in the direction of belt travel], the tensioners' coordinates, over their
+    `units`. Energies are in `scales.energy`, times in `scales.time`. The driver's hub is held
+    unless `free`. The matrices follow from `model` and `elongations`, through which the derivatives
+    of undamped frequencies are taken: a change to a matrix alone has none.
     """
 
     mass: Float[Array, "size size"]
@@ -36,14 +32,14 @@ class Linearization(eqx.Module):
     stiffness: Float[Array, "size size"]
     elongations: Float[Array, "spans size"]  # strain of each span per unit of each coordinate
     driving: Float[Array, " spans"]  # and per radian of the driver, where it is held
+    twisting: Float[Array, " turning"]  # moment on the other rotors per radian of the driver
     model: VibrationModel
-    pulleys: Int[Array, " turning"]  # places of the pulleys that turn, in the drive's list
-    driver: Int[Array, ""]  # place of the driver in that list
+    rotors: Int[Array, " turning"]  # places of the rotors that turn
+    driver: Int[Array, ""]  # place of the driver's hub among the rotors
     steady: SteadyState
     result: RESULTS
     basis: AbstractBasis
     free: bool = eqx.field(static=True)
-    has_arm: bool = eqx.field(static=True)
     mixed: bool = eqx.field(static=True)  # parts of it belong to different steady states
 
     @property
@@ -52,36 +48,45 @@ class Linearization(eqx.Module):
         return self.steady.scales
 
     @property
-    def joules(self) -> Float[Array, ""]:
-        """P0 r_t, the unit of energies and moments [J]."""
-        return self.scales.tension * self.model.rho * self.scales.length
+    def units(self) -> Float[Array, " coordinates"]:
+        """What the tensioners' coordinates are measured in: 1 rad, or the mean span length [m]."""
+        return self.steady.groups.units
 
     @property
     def spans(self) -> int:
         """Number of spans."""
         return len(self.model.lam)
 
-    def split(self, z: Array) -> tuple[Array, Array, Array]:
-        """Coordinates [..., size] as fields [..., spans, n], rotations [..., pulleys] and arm.
+    @property
+    def bodies(self) -> int:
+        """Number of tensioners."""
+        return len(self.model.movable)
 
-        Rotations of pulleys that are held, and of an arm that is not there, are zero.
+    def split(self, z: Array) -> tuple[Array, Array, Array]:
+        """Parts of coordinates [..., size]: fields, rotations and the tensioners' coordinates.
+
+        Fields are [..., spans, n], rotations [..., rotors], 0 where a rotor is held. A tensioner's
+        coordinate is over its unit, 0 where it does not move.
         """
-        n = self.spans * self.basis.size
+        n, turning = self.spans * self.basis.size, len(self.rotors)
         fields = z[..., :n].reshape(*z.shape[:-1], self.spans, self.basis.size)
-        turning = z[..., n : n + len(self.pulleys)]
-        whole = jnp.zeros((*z.shape[:-1], self.spans), z.dtype)
-        arm = z[..., -1] if self.has_arm else jnp.zeros(z.shape[:-1], z.dtype)
-        return fields, whole.at[..., self.pulleys].set(turning), arm
+        rotations = jnp.zeros((*z.shape[:-1], self.model.turns.shape[1]), z.dtype)
+        rotations = rotations.at[..., self.rotors].set(z[..., n : n + turning])
+        return fields, rotations, z[..., n + turning :] * self.model.movable
+
+    def of_pulleys(self, rotations: Array) -> Array:
+        """Rotations [..., pulleys] of the pulleys' hubs, by those of the rotors."""
+        return rotations @ self.steady.groups.hubs.T
 
     def deflection(self, z: Array, i, x: Array, order: int = 0) -> Array:
         """w_i at x [...] for coordinates z [size], or its derivative of order 1 or 2.
 
-        Both w and x are over the span's own length; the arm's lift is counted.
+        Both w and x are over the span's own length; the lift by the tensioners is counted.
         """
-        fields, _, arm = self.split(z)
-        m = self.model
-        lift = (m.w_start[i] + m.a[i] * x, m.a[i], 0.0)[order]
-        return self.basis.values(x, order) @ fields[i] + lift * arm
+        fields, _, moved = self.split(z)
+        start, slope = self.model.W0[i] @ moved, self.model.a[i] @ moved
+        lift = (start + slope * x, slope, 0.0)[order]
+        return self.basis.values(x, order) @ fields[i] + lift
 
 
 def linearize(
@@ -95,15 +100,16 @@ def linearize(
 ) -> Linearization:
     """Mass, gyroscopic and stiffness matrices of the drive about its steady state.
 
-    Kong (2003), chapter 4, for any number of pulleys: the second variation of the drive's energy.
+    Kong (2003), chapter 4, for any number of pulleys, tensioners, isolators and belts: the second
+    variation of the drive's energy.
     `basis` is `Legendre(24)` unless given; `Sine(n)` is the source's. The driver is held still,
-    or with `free` turns as the other pulleys do (and the drive has a rigid rotation).
+    or with `free` turns as the others do (and the drive has a rigid rotation).
 
     To tell apart the two ways in which bending stiffness acts, as Fig. 4.6 does:
     `fixed_steady` takes deflections and tensions from another steady state, `fixed_bending` the
     belt's resistance to bending (eps) from elsewhere.
 
-    Raises `ValueError` where a pulley or the arm has no inertia. Fails as the steady states
+    Raises `ValueError` where a pulley or a tensioner has no inertia. Fails as the steady states
     failed. With `throw=False` read `.result`: the matrices of a failed state are placeholders
     without derivatives.
     """
@@ -120,73 +126,91 @@ def _linearized(steady, basis, free: bool, fixed_steady, fixed_bending) -> Linea
     shaped = steady if fixed_steady is None else fixed_steady
     model = _model(steady, shaped, fixed_bending)
     result = RESULTS.where(succeeded(steady.result), shaped.result, steady.result)
-    has_arm = steady.reference.arm_angle is not None
-    order, driver = _turning(steady)
-    pulleys = order if free else order[1:]
-    d = elongations(model, basis, pulleys, has_arm)
-    whole = assembled(model, basis, d, pulleys, has_arm)
+    # The driver's hub comes first, the others in the order of the rotors.
+    order = jnp.argsort(-steady.groups.held_rotor, stable=True)
+    driver = order[0]
+    turning = order if free else order[1:]
+    d = elongations(model, basis, turning)
+    whole = assembled(model, basis, d, turning)
     good, unit = succeeded(result), jnp.eye(len(whole.mass))
     linearization = Linearization(
         mass=jnp.where(good, whole.mass, unit),
         gyroscopic=jnp.where(good, whole.gyroscopic, 0.0),
         stiffness=jnp.where(good, whole.stiffness, unit),
         elongations=jnp.where(good, d, 0.0),
-        driving=jnp.where(good, turning_strains(model)[:, driver], 0.0) * (not free),
+        driving=jnp.where(good, model.turns[:, driver], 0.0) * (not free),
+        twisting=model.K_r[turning, driver] * (not free),
         model=model,
-        pulleys=pulleys,
+        rotors=turning,
         driver=driver,
         steady=steady,
         result=result,
         basis=basis,
         free=free,
-        has_arm=has_arm,
         mixed=fixed_steady is not None or fixed_bending is not None,
     )
     return frozen_where_failed(linearization, result)
 
 
-def _turning(steady: SteadyState) -> tuple[Int[Array, " pulleys"], Int[Array, ""]]:
-    """Places of all pulleys, the driver first and the others in listed order; the driver's."""
-    drives = steady.groups.drives
-    order = jnp.argsort(-drives, stable=True)
-    return order, order[0]
-
-
 def _model(steady: SteadyState, shaped: SteadyState, eps) -> VibrationModel:
     """The drive in the letters of the source, its deflections and tensions as in `shaped`."""
     g, h = steady.groups, shaped.groups
-    if g.pulley_inertias is None:
+    if g.rotor_inertias is None:
         raise ValueError(
-            "Pulley.inertia: missing for a pulley; vibration needs the inertia of every pulley."
+            "Pulley.inertia: missing for a pulley, or for an isolator's rim; vibration needs it "
+            "of every one."
         )
-    has_arm = steady.reference.arm_angle is not None
-    if has_arm and g.arm_inertia is None:
-        raise ValueError("Tensioner.inertia: missing; vibration needs the inertia of the arm.")
-    u, z = span.layer_width(h.bending, h.span_ratios, shaped.effective_tensions)
+    if g.arm_inertia is None:
+        raise ValueError("Tensioner.inertia: missing; vibration needs it of every tensioner.")
+    loops = g.loops
+    lam, travel = g.span_ratios, g.travel
+    u, z = span.layer_width(loops.spread(h.bendings), h.span_ratios, shaped.effective_tensions)
+    moved = shaped.coordinate_change / h.units
+    ends = loops.following(jnp.eye(len(lam))) - jnp.eye(len(lam))
+    eps = loops.spread(g.bendings) if eps is None else jnp.broadcast_to(eps, lam.shape)
     return VibrationModel(
-        eps=g.bending if eps is None else eps,
-        s=g.speed,
-        tau=g.travel,
-        gam=g.stretch,
-        k_s=g.spring,
-        lam=g.span_ratios,
-        rho=g.arm_ratio,
+        eps=eps,
+        s=loops.spread(g.speeds),
+        tau=travel,
+        gam=loops.spread(g.stretches),
+        mu=loops.spread(g.masses),
+        lam=lam,
         Q=shaped.effective_tensions,
         kap_s=h.curvature_start,
         kap_e=h.curvature_end,
         u=u,
         z=z,
-        drop=h.arm_slope * shaped.arm_rotation,
-        a=g.arm_slope,
-        w_start=g.arm_lift,
-        pull=g.arm_strain,
-        r=g.radius_ratios,
-        J=g.pulley_inertias,
-        J_t=jnp.zeros(()) if g.arm_inertia is None else g.arm_inertia,
+        drop=h.slopes @ moved,
+        a=g.slopes,
+        W0=g.lifts,
+        pull=(g.pulls + g.curvatures @ moved) / lam[:, None],
+        H=g.curvatures,
+        K=g.springs,
+        M=g.arm_inertia,
+        movable=g.movable * (shaped.at_stop == 0),
+        turns=(travel / lam)[:, None] * (ends * g.radius_ratios) @ g.turning,
+        K_r=g.rotor_springs,
+        M_r=jnp.diag(g.rotor_inertias) + g.turning.T @ belt_inertia(g) @ g.turning,
     )
 
 
+def belt_inertia(groups: Groups) -> Float[Array, "pulleys pulleys"]:
+    """Inertia of the belt's own motion along its path, by the pulleys' rotations.
+
+    Spans move as straight lines between the rims that they leave and meet, arcs with their pulleys.
+    Zero where the model leaves it out, as the source does.
+    """
+    g, loops = groups, groups.loops
+    spans = loops.spread(g.masses) * g.span_ratios
+    arcs = loops.spread(g.masses) * g.arc_ratios
+    own = jnp.diag(arcs + (spans + loops.preceding(spans)) / 3)
+    unit = jnp.eye(len(spans))
+    shared = (spans / 6)[:, None] * loops.following(unit)  # between a span's first pulley and next
+    r = g.radius_ratios
+    return g.belt_inertia * r[:, None] * (own + shared + shared.T) * r
+
+
 def has_inertias(drive: Drive) -> bool:
-    """Whether every pulley and the arm have the inertia that vibration needs."""
-    arm = drive.tensioner is None or drive.tensioner.inertia is not None
-    return arm and all(pulley.inertia is not None for pulley in drive.pulleys)
+    """Whether everything that turns or moves has the inertia that vibration needs."""
+    bodies = all(body.inertia is not None for body in drive.tensioners)
+    return bodies and rotors(drive).inertias is not None

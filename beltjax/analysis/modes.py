@@ -10,11 +10,11 @@ from jaxtyping import Array, Bool, Complex, Float
 
 from beltjax.analysis.damping import Damping, damping_matrix
 from beltjax.analysis.linearization import Linearization
+from beltjax.compiling.quick import boundary_jit, usual_promotion
 from beltjax.drive.canonical import strongly_typed
 from beltjax.drive.readable import Readable
 from beltjax.numerics.bases import Products
-from beltjax.numerics.compilation import boundary_jit, usual_promotion
-from beltjax.numerics.counting import Counted, counted_derivative, counted_root
+from beltjax.numerics.counted_roots import Counted, counted_derivative, counted_root
 from beltjax.numerics.gyroscopic import (
     Eigen,
     Forms,
@@ -37,7 +37,7 @@ from beltjax.results import (
 
 Route = Literal["auto", "hermitian", "general"]
 
-# Kinetic energy of pulleys and arm above which a mode is rotational, below which the spans'.
+# Kinetic energy of rotors and tensioners above which a mode is rotational, below which the spans'.
 _MOSTLY = 0.6
 
 
@@ -52,11 +52,12 @@ class Modes(Readable):
     growth_rates: Float[Array, " count"]  # [1/s]; 0 for undamped stable drives, > 0: unstable
     dimensionless: Float[Array, " count"]  # frequencies times `linearization.scales.time`
     coordinates: Complex[Array, "count size"]  # in the linearization's basis
-    rotations: Complex[Array, "count pulleys"]  # [rad], in the direction of belt travel
-    arm_rotations: Complex[Array, " count"]  # [rad], counterclockwise
+    rotations: Complex[Array, "count pulleys"]  # of the hubs [rad], in the direction of travel
+    rotor_rotations: Complex[Array, "count rotors"]  # [rad]; rims and rings after the hubs
+    tensioner_motions: Complex[Array, "count tensioners"]  # [rad] or [m]
     span_shares: Float[Array, "count spans"]  # of the mode's kinetic energy
-    pulley_shares: Float[Array, "count pulleys"]
-    arm_shares: Float[Array, " count"]
+    rotor_shares: Float[Array, "count rotors"]
+    tensioner_shares: Float[Array, " count"]
     error: Float[Array, " count"]  # relative, of the frequencies, estimated
     linearization: Linearization
     result: RESULTS
@@ -78,7 +79,7 @@ class Modes(Readable):
     @property
     def labels(self) -> tuple[str, ...]:
         """'rotational', 'span 0', 'spans' or 'coupled', by the shares of kinetic energy."""
-        rigid = np.sum(np.asarray(self.pulley_shares), axis=1) + np.asarray(self.arm_shares)
+        rigid = np.sum(np.asarray(self.rotor_shares), axis=1) + np.asarray(self.tensioner_shares)
         return tuple(
             mode_label(float(share), spans)
             for share, spans in zip(rigid, self.span_shares.tolist(), strict=True)
@@ -86,7 +87,7 @@ class Modes(Readable):
 
 
 def mode_label(rigid: float, spans: list[float]) -> str:
-    """What moves most, by the shares of kinetic energy of pulleys and arm, and of the spans."""
+    """What moves most, by the shares of kinetic energy of all that is rigid, and of the spans."""
     if rigid > _MOSTLY:
         return "rotational"
     largest = max(range(len(spans)), key=lambda i: spans[i])
@@ -218,16 +219,16 @@ def _eigen(matrices, count: int, rigid: int, route: Route) -> tuple[Eigen, Bool[
 def _safe_model(lin: Linearization, wanted) -> tuple[VibrationModel, Array]:
     """What the characteristic function depends on: the model, harmless where not wanted."""
     bare = _bare(lin.model)
-    return jax.tree.map(lambda a, b: jnp.where(wanted, a, b), lin.model, bare), lin.pulleys
+    return jax.tree.map(lambda a, b: jnp.where(wanted, a, b), lin.model, bare), lin.rotors
 
 
-def _at(omega, args, *, has_arm: bool) -> Characteristic:
-    model, pulleys = args
-    return characteristic(model, pulleys, has_arm, omega)
+def _at(omega, args) -> Characteristic:
+    model, rotors = args
+    return characteristic(model, rotors, omega)
 
 
-def _value(omega, args, *, has_arm: bool) -> Array:
-    return _at(omega, args, has_arm=has_arm).value
+def _value(omega, args) -> Array:
+    return _at(omega, args).value
 
 
 def _polished(lin: Linearization, guesses, wanted) -> Counted:
@@ -237,7 +238,7 @@ def _polished(lin: Linearization, guesses, wanted) -> Counted:
     numbers = _rigid(lin) + 1 + jnp.arange(len(guesses))
 
     def polish(number, guess):
-        at = functools.partial(_at, args=args, has_arm=lin.has_arm)
+        at = functools.partial(_at, args=args)
         return counted_root(at, number, guess, wanted=wanted)
 
     return jax.vmap(polish)(numbers, guesses)
@@ -247,21 +248,23 @@ def exact_frequencies(lin: Linearization, found: Found) -> Float[Array, " count"
     """The polished frequencies with their derivatives; the basis' own where K is not definite."""
     assert found.polished is not None
     wanted = found.definite & succeeded(lin.result)
-    args, value = _safe_model(lin, wanted), functools.partial(_value, has_arm=lin.has_arm)
+    args = _safe_model(lin, wanted)
     roots = found.polished.root
     twice = repeated(roots)
-    exact = jax.vmap(lambda root, two: counted_derivative(value, args, root, two))(roots, twice)
+    exact = jax.vmap(lambda root, two: counted_derivative(_value, args, root, two))(roots, twice)
     return jnp.where(wanted, exact, found.eigen.values.imag)
 
 
 def _bare(model: VibrationModel) -> VibrationModel:
     """A model that any arithmetic survives, for lanes whose own would not."""
     ones, none = jnp.ones_like(model.lam), jnp.zeros_like(model.lam)
-    one, zero = jnp.ones(()), jnp.zeros(())
+    bodies, unit = jnp.zeros_like(model.a), jnp.eye(len(model.movable))
     return VibrationModel(
-        eps=0.1 * one, s=zero, tau=one, gam=one, k_s=one, lam=ones, rho=one, Q=ones,
-        kap_s=none, kap_e=none, u=0.1 * ones, z=jnp.inf * ones, drop=none, a=none,
-        w_start=none, pull=none, r=ones, J=ones, J_t=one,
+        eps=0.1 * ones, s=none, tau=ones, gam=ones, mu=ones, lam=ones, Q=ones, kap_s=none,
+        kap_e=none, u=0.1 * ones, z=jnp.inf * ones, drop=none, a=bodies, W0=bodies, pull=bodies,
+        H=jnp.zeros_like(model.H), K=unit, M=unit, movable=jnp.ones_like(model.movable),
+        turns=jnp.ones_like(model.turns), K_r=jnp.zeros_like(model.K_r),
+        M_r=jnp.eye(len(model.M_r)),
     )  # fmt: skip
 
 
@@ -281,37 +284,40 @@ def described(
     if found.polished is not None:
         width = found.polished.upper - found.polished.lower
         error = jnp.where(found.definite, width / found.polished.root, error)
-    fields, rotations, arm = lin.split(vectors)
+    fields, rotations, moved = lin.split(vectors)
     m, of = lin.model, lin.basis.products()
-    spans = m.lam**2 * m.ka * _span_squares(lin, fields, arm, of)
-    pulleys, lever = m.J * jnp.abs(rotations) ** 2, m.J_t * jnp.abs(arm) ** 2
-    whole = jnp.sum(spans, axis=1) + jnp.sum(pulleys, axis=1) + lever
+    spans = m.mu * m.lam**3 * _span_squares(lin, fields, moved, of)
+    # What the belt's own motion along its path adds couples rotors; each gets half of that.
+    rotors = jnp.abs(jnp.conj(rotations) * (rotations @ m.M_r))
+    bodies = jnp.sum(jnp.conj(moved) * (moved @ m.M), axis=1).real
+    whole = jnp.sum(spans, axis=1) + jnp.sum(rotors, axis=1) + bodies
     whole = jnp.where(whole > 0, whole, 1.0)
-    # A shape of unit Hermitian energy stores a quarter of P0 r_t.
-    joule = 2 / jnp.sqrt(lin.joules)
+    # A shape of unit Hermitian energy stores a quarter of the unit of energy.
+    joule = 2 / jnp.sqrt(lin.scales.energy)
     time = lin.scales.time
     return Modes(
         frequencies=dimensionless / time,
         growth_rates=growth / time,
         dimensionless=dimensionless,
         coordinates=joule * vectors,
-        rotations=joule * rotations,
-        arm_rotations=joule * arm,
+        rotations=joule * lin.of_pulleys(rotations),
+        rotor_rotations=joule * rotations,
+        tensioner_motions=joule * moved * lin.units,
         span_shares=spans / whole[:, None],
-        pulley_shares=pulleys / whole[:, None],
-        arm_shares=lever / whole,
+        rotor_shares=rotors / whole[:, None],
+        tensioner_shares=bodies / whole,
         error=error,
         linearization=lin,
         result=result,
     )
 
 
-def _span_squares(lin: Linearization, fields, arm, of: Products) -> Float[Array, "count spans"]:
+def _span_squares(lin: Linearization, fields, moved, of: Products) -> Float[Array, "count spans"]:
     """Integrals of |w|^2 over each span, lift included."""
     lift, square = lift_products(lin.model, of)
     own = jnp.einsum("ksa,ab,ksb->ks", jnp.conj(fields), of.value, fields).real
-    cross = jnp.einsum("ksa,sa->ks", jnp.conj(fields), lift) * arm[:, None]
-    return own + 2 * cross.real + square * (jnp.abs(arm) ** 2)[:, None]
+    cross = jnp.einsum("ksa,saq,kq->ks", jnp.conj(fields), lift, moved)
+    return own + 2 * cross.real + jnp.einsum("kp,spq,kq->ks", jnp.conj(moved), square, moved).real
 
 
 class Causes(NamedTuple):
@@ -330,7 +336,7 @@ def causes(lin: Linearization) -> Causes:
 def _forms(lin: Linearization, at: Causes, eigen: Eigen) -> Forms:
     """Forms of the undamped matrices, as they follow from `at`."""
     return forms_of_spans(
-        at.model, lin.basis, at.elongations, lin.pulleys, eigen.left, eigen.vectors
+        at.model, lin.basis, at.elongations, lin.rotors, eigen.left, eigen.vectors
     )
 
 

@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from beltjax.analysis.steady import steady_state
+from beltjax.compiling.quick import boundary_jit, usual_promotion
 from beltjax.drive.canonical import canonical
 from beltjax.drive.components import as_real, concrete
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
-from beltjax.numerics.compilation import boundary_jit, usual_promotion
 from beltjax.physics import moving_beam as beam
 from beltjax.physics import moving_beam_expansion as expansion
 from beltjax.physics import moving_beam_shapes as shapes
@@ -236,12 +236,15 @@ def _span_frequencies(
     steady = steady_state(drive, point, throw=False)
     groups = steady.groups
     # Section 1 scales each span by its own length and tension P_i + T; Q is that less s^2.
-    root = jnp.sqrt(steady.effective_tensions + groups.speed**2)
-    eps, v = groups.bending / (groups.span_ratios * root), groups.speed / root
+    loops = groups.loops
+    mass, speed = loops.spread(groups.masses), loops.spread(groups.speeds)
+    root = jnp.sqrt(steady.effective_tensions + mass * speed**2)
+    eps = loops.spread(groups.bendings) / (groups.span_ratios * root)
+    v = speed * jnp.sqrt(mass) / root
     ran = succeeded(steady.result)
     eps, v = jnp.where(ran, eps, 0.0), jnp.where(ran, v, 0.0)
     solved = jax.vmap(lambda eps, v: _exact_frequencies(eps, v, ends, count))(eps, v)
-    unit = root / (2.0 * jnp.pi * groups.span_ratios * steady.scales.time)
+    unit = root / (2.0 * jnp.pi * groups.span_ratios * steady.scales.time * jnp.sqrt(mass))
     result = RESULTS.where(
         ran & ~jnp.all(solved.converged), RESULTS.frequency_not_found, steady.result
     )

@@ -1,6 +1,6 @@
-"""Reference state: the belt at rest as a string, steady torques applied.
+"""Reference state: the belts at rest as strings, steady torques applied.
 
-docs/theory/reference_state.md, (R1) to (R5).
+docs/theory/reference_state.md, (R1) to (R5), and docs/theory/bodies.md.
 """
 
 from typing import NamedTuple
@@ -8,17 +8,36 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
+from beltjax.analysis.installed import (
+    LARGEST_MOVE,
+    Held,
+    belt_pull,
+    free_positions,
+    held,
+    held_by_tensions,
+    installed_by_tension,
+    unstretched,
+)
+from beltjax.compiling.batched_loops import in_lanes_of
+from beltjax.compiling.quick import boundary_jit
+from beltjax.drive.bodies import bodies, springs
 from beltjax.drive.canonical import canonical
-from beltjax.drive.installation import BeltGiven, TensionGiven
-from beltjax.drive.layout import Layout, Outline, Path, belt_path, layout, outline
+from beltjax.drive.installation import (
+    AdjustedToMark,
+    AdjustedToTension,
+    TensionGiven,
+)
+from beltjax.drive.layout import Layout, Loops, Outline, belt_path, layout, outline
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.placeholders import harmless, usable
 from beltjax.drive.readable import Readable
+from beltjax.drive.shafts import Transmission, transmission
 from beltjax.drive.system import Drive
-from beltjax.numerics.compilation import boundary_jit
-from beltjax.numerics.roots import Search, implicit_root, system_root
+from beltjax.numerics.definite import definite_solve
+from beltjax.numerics.rigid_bodies import Bodies
+from beltjax.numerics.roots import implicit_root, system_root
 from beltjax.results import (
     RESULTS,
     first_failure,
@@ -28,51 +47,81 @@ from beltjax.results import (
 )
 
 LARGEST_STRAIN = 0.1  # beyond this a belt is not stretched but broken
-LARGEST_TURN = 0.2  # of the arm, in one Newton step [rad]
+_SMALLEST_LOAD = 1 / 64  # of the torques, in one step from a solution to the next
 
 
 class ReferenceState(Readable):
-    """String tensions and arm angle at rest, with the torques of the operating point."""
+    """String tensions and coordinates at rest, with the torques of the operating point.
 
-    layout: Layout  # with the arm where the torques hold it
+    Coordinates are counted from the drawn positions [rad] or [m].
+    """
+
+    layout: Layout  # with the bodies where the torques hold them
     tensions: Float[Array, " spans"]  # P_i [N]
-    base_tension: Float[Array, ""]  # P0, the tension without torques [N]
-    arm_angle: Float[Array, ""] | None  # direction of the arm [rad], counted on from the drawn one
-    free_angle: Float[Array, ""] | None  # with the spring relaxed [rad], whole turns included
-    unstretched_length: Float[Array, ""]  # L0 [m]
+    base_tensions: Float[Array, " belts"]  # P0 of each belt, the tension without torques [N]
+    coordinates: Float[Array, " coordinates"]
+    installed: Float[Array, " coordinates"]  # without torques
+    free: Float[Array, " springs"]  # where each spring is relaxed
+    at_stop: Float[Array, " coordinates"]  # -1 at the least, 1 at the greatest coordinate, else 0
+    stop_reactions: Float[Array, " coordinates"]  # forces of those stops [N m] or [N]
+    arm_angle: Float[Array, ""] | None  # direction of a single arm [rad], counted on from the drawn
+    free_angle: Float[Array, ""] | None  # with its spring relaxed [rad], whole turns included
+    unstretched_lengths: Float[Array, " belts"]  # L0 of each belt [m]
+    torques: Float[Array, " pulleys"]  # taken from the belt [N m]
     error: Float[Array, ""]  # residual, relative, before the last Newton step: an upper bound
     result: RESULTS
     stats: dict[str, Array]
 
+    @property
+    def base_tension(self) -> Float[Array, ""]:
+        """P0 of the first belt [N]: what tensions are measured in."""
+        return self.base_tensions[0]
 
-class Held(NamedTuple):
-    """What an installation holds: the belt, and where the arm's spring is relaxed."""
-
-    length: Float[Array, ""]  # L0 [m]
-    wind_up: Float[Array, ""]  # drawn arm angle less free angle [rad]
+    @property
+    def unstretched_length(self) -> Float[Array, ""]:
+        """L0 of the belt, or of all together [m]."""
+        return jnp.sum(self.unstretched_lengths)
 
 
 class _Problem(NamedTuple):
-    """Equations (R1) and (R3), whose unknowns are the arm's turn and a tension over `scale`."""
+    """Equations (R1) and (R3), whose unknowns are coordinates and belt tensions over `scale`."""
 
     outline: Outline
     held: Held
-    offsets: Float[Array, " spans"]  # of the span tensions above the unknown one [N]
+    offsets: Float[Array, " spans"]  # of the span tensions above the unknown ones [N]
+    moments: Float[Array, " coordinates"]  # of accessories bolted to the bodies [N m]
     scale: Float[Array, ""]  # [N]
-    EA: Float[Array, ""]
-    stiffness: Float[Array, ""]  # of the arm's spring [N m/rad]; 1 where there is no arm
+    length: Float[Array, ""]  # [m]
+    EA: Float[Array, " belts"]
+    fixed: Float[Array, " coordinates"]  # 1 where `at` is given instead of a balance
+    at: Float[Array, " coordinates"]
+    # Of a locked coordinate that is moved until another stands at `at`: 1 in its row there.
+    marks: Float[Array, "coordinates coordinates"]
+
+
+class _Rest(NamedTuple):
+    """Where the bodies come to rest, and which stops hold them."""
+
+    root: Float[Array, " unknowns"]
+    below: Bool[Array, " coordinates"]
+    above: Bool[Array, " coordinates"]
+    found: Bool[Array, ""]
+    cycles: Bool[Array, ""]  # no set of stops is consistent
+    residual: Float[Array, ""]
+    steps: Int[Array, ""]
 
 
 def reference_state(drive: Drive, point: OperatingPoint, *, throw: bool = True) -> ReferenceState:
-    """Tensions, arm angle and belt length of the drive at rest under its torques.
+    """Tensions, coordinates and belt lengths of the drive at rest under its torques.
 
     Under `TensionGiven` the drawn layout is the torque-free state; under `BeltGiven` the
-    unstretched belt and the arm's free angle are held. Solves docs/theory/reference_state.md,
-    (R1) to (R3).
+    unstretched belts and the springs' free positions are held; under `AdjustedToTension` and
+    `AdjustedToMark` a locked tensioner is moved before. Bodies may come to rest at their stops.
+    Solves docs/theory/reference_state.md, (R1) to (R3), for any bodies.
 
     Fails with `numbers_unusable`, the layout's results, `belt_does_not_fit`, `belt_too_long`,
-    `belt_too_short` (strain above a tenth), `arm_at_stop` or `span_slack`. Failed lanes of a
-    batch hold finite numbers, the state's own where it was found (`span_slack`, `arm_at_stop`)
+    `belt_too_short` (strain above a tenth), `stops_cycle`, `tensioner_unstable` or `span_slack`.
+    Failed lanes of a batch hold finite numbers, the state's own where it was found (`span_slack`)
     and placeholders elsewhere, with zero derivatives.
     """
     state = _reference_state(*canonical(drive, point))
@@ -92,84 +141,135 @@ def resting(drive: Drive, point: OperatingPoint) -> ReferenceState:
     drawn = layout(drive, throw=False)
     rule = drive.installation
     if isinstance(rule, TensionGiven) and rule.span_tensions is not None:
-        return _printed_state(drive, drawn, rule.tension, rule.span_tensions)
+        return _printed_state(drive, point, drawn, rule.tension, rule.span_tensions)
     return _solved_state(drive, point, drawn)
 
 
-def _printed_state(drive, drawn, tension, tensions) -> ReferenceState:
+def _printed_state(drive, point, drawn, tension, tensions) -> ReferenceState:
     """The drawn layout with every tension named; torques are not used."""
-    held = _held_by_tensions(drive, drawn, tensions)
+    holding = held_by_tensions(drive, drawn, tensions)
+    stops, still = bodies(drive).stops, jnp.zeros_like(drawn.coordinates)
     result = first_failure(
         (~succeeded(drawn.result), drawn.result),
         (jnp.any(tensions <= 0), RESULTS.span_slack),
-        (beyond_stops(drive, drawn.arm_angle), RESULTS.arm_at_stop),
+        (jnp.any((stops[:, 0] > 0) | (stops[:, 1] < 0)), RESULTS.arm_at_stop),
     )
-    exact = jnp.zeros(())
+    base = jnp.broadcast_to(tension, (len(drive.belts),))
+    rest = _Rest(still, still > 0, still > 0, jnp.array(True), jnp.array(False), still, still)
     return _state(
-        drive, drawn, exact, tensions, tension, held, exact, result, {"steps": jnp.array(0)}
+        drive,
+        transmission(drive, point),
+        drawn,
+        tensions,
+        base,
+        still,
+        holding,
+        rest,
+        still,
+        result,
     )
 
 
 def _solved_state(drive, point, drawn) -> ReferenceState:
-    rule = drive.installation
-    offsets = _tension_offsets(drive, point)
-    if isinstance(rule, TensionGiven):
-        held = held_by_tension(drive, drawn, rule.tension)
-        base, turn, fits = rule.tension, jnp.zeros(()), succeeded(drawn.result)
-        bare = RESULTS.where(fits, RESULTS.successful, drawn.result)
+    loops, rule, driven = Loops(drive.loop_sizes), drive.installation, transmission(drive, point)
+    offsets, moments = _tension_offsets(drive, driven, loops), _housed_moments(drive, driven)
+    still = jnp.zeros_like(drawn.coordinates)
+    fits = succeeded(drawn.result)
+    if isinstance(rule, TensionGiven | AdjustedToTension):
+        place = installed_by_tension(drive, drawn, loops)
+        base, at, holding = place.tensions, place.coordinates, place.held
+        bare = first_failure((~fits, drawn.result), (~place.converged, RESULTS.belt_does_not_fit))
     else:
-        held = held_by_belt(drawn, rule)
-        unloaded = _problem(drive, held, jnp.zeros_like(offsets), _likely_tension(drive))
-        base, turn, bare = _bare_state(drive, unloaded, drawn)
-        fits = succeeded(bare)
-        held = _replaced(fits, held, held_by_tension(drive, drawn, base))
-
-    problem = _problem(drive, held, jnp.where(fits, offsets, 0.0), base)
-    found = _search(problem, turn)
-    good = fits & found.converged
-    spare = held_by_tension(drive, drawn, base)
+        lengths = jnp.broadcast_to(rule.belt_length, (len(loops.sizes),))
+        holding = held(drive, lengths, free_positions(drive, drawn, rule))
+        scale = _likely_tension(drive)
+        unloaded = _problem(drive, drawn, holding, jnp.zeros_like(offsets), still, scale, still)
+        base, at, holding, bare = _bare_state(drive, loops, unloaded, drawn)
+    fits = succeeded(bare)
+    scale = base[0]
+    zero = jnp.where(fits, 1.0, 0.0)
+    problem = _problem(drive, drawn, holding, offsets * zero, moments * zero, scale, at)
+    start = jnp.concatenate([at / _units(problem.outline.bodies, problem.length), base / scale])
+    rest = _search(problem, loops, start)
+    good = fits & rest.found
+    spare = held_by_tensions(drive, drawn, loops.spread(base))
     problem = problem._replace(
-        held=_replaced(good, held, spare), offsets=jnp.where(good, offsets, 0.0)
+        held=_replaced(good, holding, spare),
+        offsets=jnp.where(good, problem.offsets, 0.0),
+        moments=jnp.where(good, problem.moments, 0.0),
+        at=jnp.where(good, at, 0.0),
     )
-    turn, level = _root(problem, good, found)
+    unknown = _root(problem, loops, rest, good, base)
+    count = len(drive.tensioners)
+    turn = unknown[:count] * _units(problem.outline.bodies, problem.length)
     moved = layout(drive, turn, throw=False)
-    tensions = level + problem.offsets
+    tensions = loops.spread(unknown[count:]) * scale + problem.offsets
+    push = _push(moved, turn, tensions, problem)
+    locked = problem.outline.bodies.locked
+    reactions = jnp.where((rest.below | rest.above) & good, push, 0.0)
+    stable = _is_stable(drive, moved, tensions, rest, locked)
     result = first_failure(
         (~fits, bare),
-        (~found.converged, RESULTS.belt_does_not_fit),
+        (rest.cycles, RESULTS.stops_cycle),
+        (~rest.found, RESULTS.belt_does_not_fit),
         (~succeeded(moved.result), moved.result),
         (jnp.any(tensions <= 0), RESULTS.span_slack),
-        (beyond_stops(drive, drawn.arm_angle + turn), RESULTS.arm_at_stop),
+        (~stable, RESULTS.tensioner_unstable),
     )
-    error = jnp.max(jnp.abs(found.residual))
-    stats = {"steps": found.steps}
-    return _state(drive, moved, turn, tensions, base, problem.held, error, result, stats)
+    return _state(drive, driven, moved, tensions, base, at, problem.held, rest, reactions, result)
 
 
-def _problem(drive: Drive, held: Held, offsets, scale) -> _Problem:
-    stiffness = jnp.ones(()) if drive.tensioner is None else drive.tensioner.stiffness
-    return _Problem(outline(drive), held, offsets, scale, drive.belt.axial_stiffness, stiffness)
+def _units(of: Bodies, length) -> Float[Array, " coordinates"]:
+    """What coordinates are searched in: radians, or the mean span length."""
+    return jax.lax.stop_gradient(jnp.where(of.rotary > 0, 1.0, length))
 
 
-def _bare_state(drive: Drive, problem: _Problem, drawn: Layout):
-    """Tension and arm's turn of a given belt without torques, and whether it fits.
+def _problem(drive: Drive, drawn: Layout, held: Held, offsets, moments, scale, at) -> _Problem:
+    of, count = outline(drive), len(drive.tensioners)
+    return _Problem(
+        outline=of,
+        held=held,
+        offsets=offsets,
+        moments=moments,
+        scale=scale,
+        length=jax.lax.stop_gradient(jnp.mean(drawn.span_lengths)),
+        EA=jnp.stack([belt.axial_stiffness for belt in drive.belts]),
+        fixed=of.bodies.locked,
+        at=at,
+        marks=jnp.zeros((count, count)),
+    )
 
-    Where it does not, the tension is a harmless positive number without derivative.
+
+def _bare_state(drive: Drive, loops: Loops, problem: _Problem, drawn: Layout):
+    """Tensions and coordinates of given belts without torques, and whether they fit.
+
+    Where they do not, the tensions are harmless positive numbers without derivative.
     """
-    found = _search(problem, jnp.zeros(()))
-    turn, level = found.root
-    tension = level * problem.scale
-    strain = tension / problem.EA
+    rule = drive.installation
+    if isinstance(rule, AdjustedToMark):
+        adjusted, marked = map(jax.lax.stop_gradient, (rule.adjusted, rule.marked))
+        problem = problem._replace(
+            marks=adjusted[:, None] * (marked - adjusted), at=problem.at + adjusted * rule.mark
+        )
+    count, still = len(drive.tensioners), jnp.zeros_like(drawn.coordinates)
+    start = jnp.concatenate([still, jnp.ones(len(loops.sizes))])
+    rest = _search(problem, loops, start)
+    tensions = rest.root[count:] * problem.scale
     result = first_failure(
         (~succeeded(drawn.result), drawn.result),
-        (~found.converged, RESULTS.belt_does_not_fit),
-        (tension <= 0, RESULTS.belt_too_long),
-        (strain > LARGEST_STRAIN, RESULTS.belt_too_short),
+        (rest.cycles, RESULTS.stops_cycle),
+        (~rest.found, RESULTS.belt_does_not_fit),
+        (jnp.any(tensions <= 0), RESULTS.belt_too_long),
+        (jnp.any(tensions / problem.EA > LARGEST_STRAIN), RESULTS.belt_too_short),
     )
     fits = jax.lax.stop_gradient(succeeded(result))
-    spare = _held_by_tensions(drive, drawn, problem.offsets + problem.scale)
-    turn, tension = _root(problem._replace(held=_replaced(fits, problem.held, spare)), fits, found)
-    return tension, turn, result
+    level = jnp.full(len(loops.sizes), problem.scale)
+    spare = held_by_tensions(drive, drawn, loops.spread(level))
+    holding = _replaced(fits, problem.held, spare)
+    safe = problem._replace(held=holding, at=jnp.where(fits, problem.at, 0.0))
+    unknown = _root(safe, loops, rest, fits, level)
+    at = unknown[:count] * _units(problem.outline.bodies, problem.length)
+    return unknown[count:] * problem.scale, at, holding, result
 
 
 def _replaced(good, held: Held, spare: Held) -> Held:
@@ -177,71 +277,55 @@ def _replaced(good, held: Held, spare: Held) -> Held:
     return jax.tree.map(lambda a, b: jnp.where(good, a, jax.lax.stop_gradient(b)), held, spare)
 
 
-def _state(drive, at, turn, tensions, base, held, error, result, stats) -> ReferenceState:
-    arm = drive.arm
-    drawn_angle = jnp.arctan2(arm[1], arm[0])
-    locked = drive.tensioner is None
+def _state(
+    drive, driven: Transmission, at, tensions, base, installed, holding, rest, reactions, result
+) -> ReferenceState:
+    single = len(drive.tensioners) == 1
+    drawn_angle = layout(drive, throw=False).arm_angle if single else None
     return ReferenceState(
         layout=at,
         tensions=tensions,
-        base_tension=base,
-        arm_angle=None if locked else drawn_angle + turn,
-        free_angle=None if locked else drawn_angle - held.wind_up,
-        unstretched_length=held.length,
-        error=error,
+        base_tensions=base,
+        coordinates=at.coordinates,
+        installed=installed,
+        free=holding.free,
+        at_stop=jnp.where(rest.below, -1.0, jnp.where(rest.above, 1.0, 0.0)),
+        stop_reactions=reactions,
+        arm_angle=None if drawn_angle is None else drawn_angle + at.coordinates[0],
+        free_angle=None if drawn_angle is None else drawn_angle + holding.free[0],
+        unstretched_lengths=holding.lengths,
+        torques=driven.torques,
+        error=jnp.max(jnp.abs(rest.residual), initial=0.0),
         result=result,
-        stats=stats,
+        stats={"steps": jnp.sum(rest.steps, dtype=int)},
     )
 
 
-def _tension_offsets(drive: Drive, point: OperatingPoint) -> Float[Array, " spans"]:
-    """Tension of each span above that at the tensioner's pulley, which is an idler (R2).
+def _tension_offsets(drive: Drive, driven: Transmission, loops: Loops) -> Float[Array, " spans"]:
+    """Tension of each span above the mean of those that leave a belt's tensioner pulleys (R2).
 
-    In the direction of travel the span that leaves an accessory carries M/r more. Without a
-    tensioner the first span is the reference.
+    In the direction of travel the span that leaves an accessory carries M/r more. On a belt
+    without a tensioner the first span is the reference.
     """
-    travel = jax.lax.stop_gradient(point.travel)
-    steps = travel * point.torques(drive) / drive.radii  # P_i - P_{i-1} at pulley i
+    steps = driven.travel * driven.torques / drive.radii  # P_i - P_{i-1} at pulley i
     offsets = jnp.cumsum(steps)
-    return offsets - drive.carried @ offsets
+    first = jnp.zeros(len(offsets)).at[loops.starts].set(1.0)
+    sprung = jnp.sum(bodies(drive).carries, axis=1)
+    weight = jnp.where(loops.spread(loops.sums(sprung)) > 0, sprung, first)
+    level = loops.sums(weight * offsets) / loops.sums(weight)
+    return offsets - loops.spread(level)
 
 
-def _arc_tensions(tensions: Float[Array, " spans"]) -> Float[Array, " pulleys"]:
-    """Mean of the adjacent spans' tensions on each pulley's arc, an assumption of (R3)."""
-    return (tensions + jnp.roll(tensions, 1)) / 2
+def _housed_moments(drive: Drive, driven: Transmission) -> Float[Array, " coordinates"]:
+    """Moment of the accessories that are bolted to the bodies, on every body that they turn with.
 
-
-def _unstretched(EA, at: Layout | Path, tensions) -> Float[Array, ""]:
-    """Unstretched length of the belt on this path at these tensions (R3)."""
-    spans = at.span_lengths / (1 + tensions / EA)
-    return jnp.sum(spans) + jnp.sum(at.arc_lengths / (1 + _arc_tensions(tensions) / EA))
-
-
-def _belt_moment(at: Layout | Path, tensions) -> Float[Array, ""]:
-    """Moment by which the belt resists the arm: sum of P_i dl_i/d(alpha) [N m]."""
-    return at.arm_length * jnp.sum(tensions * at.arm_tangent)
-
-
-def _held_by_tensions(drive: Drive, drawn: Layout, tensions) -> Held:
-    """Belt and spring for which the drawn layout is at rest with these tensions."""
-    wind_up = jnp.zeros(())
-    if drive.tensioner is not None:
-        wind_up = -_belt_moment(drawn, tensions) / drive.tensioner.stiffness
-    return Held(_unstretched(drive.belt.axial_stiffness, drawn, tensions), wind_up)
-
-
-def held_by_tension(drive: Drive, drawn: Layout, tension: Float[Array, ""]) -> Held:
-    """Belt and spring for which the drawn layout is at rest with this tension in every span."""
-    return _held_by_tensions(drive, drawn, jnp.full_like(drawn.span_lengths, tension))
-
-
-def held_by_belt(drawn: Layout, rule: BeltGiven) -> Held:
-    """The belt of the rule, and how far the drawn arm winds its spring up."""
-    wind_up = jnp.zeros(())
-    if rule.free_angle is not None:
-        # As it stands, whole turns included: a soft spring is wound by more than half a turn.
-        wind_up = drawn.arm_angle - rule.free_angle
-    return Held(rule.belt_length, wind_up)
+    The belt turns the accessory's rotor; its housing passes that torque on to the body.
+    """
+    of = bodies(drive)
+    housed = jax.lax.stop_gradient(jnp.stack([pulley.housed for pulley in drive.pulleys]))
+    return of.rotary * jnp.sum(
+        (housed * driven.turning * driven.torques)[:, None] * of.carried, axis=0
+    )
 
 
 def _likely_tension(drive: Drive) -> Float[Array, ""]:
@@ -249,40 +333,118 @@ def _likely_tension(drive: Drive) -> Float[Array, ""]:
     return 2.5e-3 * jax.lax.stop_gradient(drive.belt.axial_stiffness)
 
 
-def _residuals(unknown: Float[Array, "2"], problem: _Problem) -> Float[Array, "2"]:
-    """(R1) over a tension and the arm, and (R3) over the mean span."""
-    turn, level = unknown
-    at = belt_path(problem.outline, turn)
-    tensions = level * problem.scale + problem.offsets
-    length = _unstretched(problem.EA, at, tensions) - problem.held.length
-    # Without an arm the belt has no moment on it, and a spring alone holds it where it is.
-    moment = _belt_moment(at, tensions) + problem.stiffness * (problem.held.wind_up + turn)
-    return jnp.stack([moment / (problem.scale * at.arm_length), length / jnp.mean(at.span_lengths)])
+def _push(at, coordinates, tensions, problem: _Problem) -> Float[Array, " coordinates"]:
+    """What is left of (R1) on each body [N m] or [N]: the force of a stop or a lock."""
+    holding = problem.held
+    springs_push = holding.stiffness @ coordinates - holding.relaxed
+    return belt_pull(at, tensions) + springs_push - problem.moments
 
 
-def _search(problem: _Problem, turn: Float[Array, ""]) -> Search:
-    """Arm's turn and tension level by Newton's method from `turn` and the problem's scale."""
-    fixed, turn = jax.lax.stop_gradient((problem, turn))
-    # A slack or a tenfold tension may be passed on the way; the arm must not jump.
-    largest = jnp.array([LARGEST_TURN, 20.0])
-    guess = jnp.stack([turn, jnp.ones(())])
-    found = system_root(lambda unknown: _residuals(unknown, fixed), guess, largest)
-    return found._replace(converged=found.converged & jnp.all(jnp.isfinite(found.root)))
+def _residuals(unknown: Float[Array, " unknowns"], problem: _Problem, loops: Loops) -> Array:
+    """(R1) over a tension and a length, and (R3) over the mean span."""
+    count = len(problem.fixed)
+    units = _units(problem.outline.bodies, problem.length)
+    coordinates = unknown[:count] * units
+    at = belt_path(problem.outline, loops, coordinates)
+    tensions = loops.spread(unknown[count:]) * problem.scale + problem.offsets
+    length = unstretched(problem.EA, at, tensions, loops) - problem.held.lengths
+    push = _push(at, coordinates, tensions, problem) * units / (problem.scale * problem.length)
+    place = (coordinates + problem.marks @ coordinates - problem.at) / units
+    balance = jnp.where(problem.fixed > 0, place, push)
+    return jnp.concatenate([balance, length / problem.length])
 
 
-def _root(problem: _Problem, good: Bool[Array, ""], found: Search):
-    """Turn and tension [N] with their derivatives; the drawn, torque-free state where not good."""
-    root = jnp.where(good, found.root, jnp.array([0.0, 1.0]))
-    turn, level = implicit_root(_residuals, problem, root)
-    return turn, level * problem.scale
+def _search(problem: _Problem, loops: Loops, start: Float[Array, " unknowns"]) -> _Rest:
+    """Coordinates and tension levels by Newton's method, and the stops that hold them.
+
+    Torques that are too much at once are followed from none. What is beyond a stop is then held
+    there, and what a stop would have to pull is released, until neither happens.
+    """
+    problem, start = jax.lax.stop_gradient((problem, start))
+    count = len(problem.fixed)
+    units = _units(problem.outline.bodies, problem.length)
+    stops = problem.outline.bodies.stops
+    # A slack or a tenfold tension may be passed on the way; a body must not jump.
+    largest = jnp.concatenate([jnp.full(count, LARGEST_MOVE), jnp.full(len(loops.sizes), 20.0)])
+
+    def under(load, below, above) -> _Problem:
+        held = jnp.where(below | above, 1.0, 0.0)
+        stop = jnp.where(below, stops[:, 0], jnp.where(above, stops[:, 1], 0.0))
+        return problem._replace(
+            offsets=load * problem.offsets,
+            moments=load * problem.moments,
+            fixed=jnp.maximum(problem.fixed, held),
+            at=jnp.where(held > 0, stop, problem.at),
+        )
+
+    def body(state):
+        rest, load, step, _, rounds = state
+        now = under(load + step, rest.below, rest.above)
+        found = system_root(lambda x: _residuals(x, now, loops), rest.root, largest)
+        good = found.converged & jnp.all(jnp.isfinite(found.root))
+        root = jnp.where(good, found.root, rest.root)
+        reached = jnp.where(good, load + step, load)
+        whole = good & (reached >= 1)
+        coordinates = root[:count] * units
+        at = belt_path(problem.outline, loops, coordinates)
+        tensions = loops.spread(root[count:]) * problem.scale + now.offsets
+        push = _push(at, coordinates, tensions, now)
+        free = problem.fixed == 0
+        below = free & jnp.where(rest.below, push > 0, coordinates < stops[:, 0])
+        above = free & jnp.where(rest.above, push < 0, coordinates > stops[:, 1])
+        changed = jnp.any((below != rest.below) | (above != rest.above))
+        next_step = jnp.where(good, jnp.minimum(2 * step, 1 - reached), step / 2)
+        # At full load only the stops change, and a failure there is one for good.
+        lost = ~good & (step < _SMALLEST_LOAD)
+        rest = _Rest(
+            root,
+            jnp.where(whole, below, rest.below),
+            jnp.where(whole, above, rest.above),
+            whole & ~changed,
+            whole & changed,
+            jnp.max(jnp.abs(found.residual)),
+            rest.steps + found.steps,
+        )
+        return rest, reached, next_step, lost, rounds + whole
+
+    def unfinished(state):
+        rest, _, _, lost, rounds = state
+        return ~rest.found & ~lost & (rounds < 2 * count + 2)
+
+    none = jnp.zeros(count, bool)
+    no = jnp.array(False)
+    begin = _Rest(start, none, none, no, no, jnp.zeros(()), jnp.array(0))
+    state = in_lanes_of(start, (begin, jnp.zeros(()), jnp.ones(()), no, jnp.array(0)))
+    rest, _, _, lost, _ = jax.lax.while_loop(unfinished, body, state)
+    return rest._replace(cycles=rest.cycles & ~rest.found & ~lost)
 
 
-def beyond_stops(drive: Drive, angle: Float[Array, ""]) -> Bool[Array, ""]:
-    """Whether the tensioner has stops and the arm, in this direction, would be past one."""
-    if drive.tensioner is None or drive.tensioner.stops is None:
-        return jnp.array(False)
-    least, greatest = drive.tensioner.stops
-    # Compare on the branch on which the stops are given.
-    middle = (least + greatest) / 2
-    angle = angle - 2 * jnp.pi * jnp.round((angle - middle) / (2 * jnp.pi))
-    return (angle < least) | (angle > greatest)
+def _root(problem: _Problem, loops: Loops, rest: _Rest, good, base) -> Array:
+    """Coordinates and tensions with their derivatives; the drawn, torque-free state where not good.
+
+    `problem` is harmless where it is not good.
+    """
+    stops = problem.outline.bodies.stops
+    held = (rest.below | rest.above) & good
+    stop = jnp.where(rest.below, stops[:, 0], stops[:, 1])
+    problem = problem._replace(
+        fixed=jnp.maximum(problem.fixed, jnp.where(held, 1.0, 0.0)),
+        at=jnp.where(held, stop, problem.at),
+    )
+    spare = jnp.concatenate([jnp.zeros_like(problem.at), base / problem.scale])
+    root = jnp.where(good, rest.root, jax.lax.stop_gradient(spare))
+    return implicit_root(lambda x, p: _residuals(x, p, loops), problem, root)
+
+
+def _is_stable(drive: Drive, at: Layout, tensions, rest: _Rest, locked) -> Bool[Array, ""]:
+    """Whether springs and belt hold the bodies: the exact stiffness is positive definite."""
+    if not len(locked):
+        return jnp.array(True)
+    turns = at.span_turns
+    geometric = turns[:, :, None] * turns[:, None, :] / at.span_lengths[:, None, None]
+    A = springs(drive).matrix + jnp.sum(
+        tensions[:, None, None] * (geometric + at.curvatures), axis=0
+    )
+    moves = (1 - locked) * jnp.where(rest.below | rest.above, 0.0, 1.0)
+    fixed = jax.lax.stop_gradient
+    return definite_solve(fixed(A), jnp.zeros_like(locked), moves).definite

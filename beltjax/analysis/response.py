@@ -5,18 +5,19 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.scipy.linalg import block_diag
 from jaxtyping import Array, Complex, Float
 
-from beltjax.analysis.damping import Damping, damping_matrix
+from beltjax.analysis.damping import Damping, damping_matrix, own_damping
 from beltjax.analysis.linearization import Linearization, linearize
 from beltjax.analysis.steady import steady_state
+from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.canonical import canonical, strongly_typed
 from beltjax.drive.components import as_complex, as_real, concrete
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis, Legendre
-from beltjax.numerics.compilation import boundary_jit
 from beltjax.physics.exact_vibration import (
     dynamic_stiffness,
     span_response,
@@ -66,8 +67,9 @@ class Response(Readable):
     """Steady oscillation at each frequency: amplitudes zero to peak, z(t) = Re(z e^{i Omega t})."""
 
     frequencies: Float[Array, " points"]  # Omega [rad/s]
-    rotations: Complex[Array, "points pulleys"]  # [rad], in the direction of belt travel
-    arm_rotation: Complex[Array, " points"]  # [rad], counterclockwise
+    rotations: Complex[Array, "points pulleys"]  # of the hubs [rad], in the direction of travel
+    rotor_rotations: Complex[Array, "points rotors"]  # [rad]; rims and rings after the hubs
+    tensioner_motions: Complex[Array, "points tensioners"]  # [rad] or [m]
     span_peaks: Float[Array, "points spans"]  # largest deflection over each span [m]
     tensions: Complex[Array, "points spans"]  # tension fluctuations [N]
     hub_loads: Float[Array, "points pulleys"]  # [N], of the vector sum of those tensions
@@ -122,7 +124,7 @@ def frequency_response(
 @boundary_jit
 def _response(lin, frequencies, crank, torques, damping, exact: bool) -> Response:
     """`frequency_response` to torques [pulleys], or [1] for the same on each."""
-    forces = jnp.broadcast_to(torques / lin.joules, (lin.spans,))
+    forces = jnp.broadcast_to(torques / lin.scales.energy, (lin.spans,))
     omega = frequencies * lin.scales.time
     solve = _exactly if exact else _by_basis
     fields = jax.vmap(lambda w: solve(lin, w, crank, forces, damping))(omega)
@@ -151,17 +153,18 @@ def _by_basis(lin: Linearization, omega, crank, forces, damping: Damping):
     C = lin.gyroscopic + damping_matrix(lin, damping)
     factor = 1 + 1j * omega * damping.stiffness / lin.scales.time  # belt, with its damping
     pencil = lin.stiffness - omega**2 * lin.mass + 1j * omega * C
-    work = lin.model.ka * lin.model.gam
+    work = lin.model.lam * lin.model.gam
     load = -factor * crank * (lin.elongations.T @ (work * lin.driving))
     n = lin.spans * lin.basis.size
-    load = load.at[n : n + len(lin.pulleys)].add(forces[lin.pulleys])
+    on_rotors = _on_rotors(lin, omega, crank, forces, damping, factor)
+    load = load.at[n : n + len(lin.rotors)].add(on_rotors)
     z = jnp.linalg.solve(pencil, load)
     strains = lin.elongations @ z + lin.driving * crank
-    _, rotations, arm = lin.split(z)
+    _, rotations, moved = lin.split(z)
     peaks = jax.vmap(lambda i: _peak(lambda x, order: lin.deflection(z, i, x, order)))(
         jnp.arange(lin.spans)
     )
-    return z, rotations, arm, strains, peaks
+    return z, rotations, moved, strains, peaks
 
 
 def _peak(deflection: Callable[[Array, int], Array]) -> Float[Array, ""]:
@@ -183,42 +186,57 @@ def _modulus(w: Complex[Array, "..."]) -> Float[Array, "..."]:
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
 
 
+def _on_rotors(lin: Linearization, omega, crank, forces, damping: Damping, factor):
+    """Moments on the rotors that turn: by torques on hubs, and by the driver's torsion springs.
+
+    Along its path the belt's own inertia hands on the driver's motion, too.
+    """
+    m, groups = lin.model, lin.steady.groups
+    torques = (forces @ groups.hubs)[lin.rotors]
+    held = 0.0 if lin.free else 1.0
+    through = factor * lin.twisting - held * omega**2 * m.M_r[lin.rotors, lin.driver]
+    if damping.arm:
+        through = through + held * 1j * omega * groups.rotor_damping[lin.rotors, lin.driver]
+    return torques - through * crank
+
+
 def _exactly(lin: Linearization, omega, crank, forces, damping: Damping):
     """The same without discretization: D(Omega) z = f."""
     m = lin.model
     of = span_response(m, omega)
-    on_delta, coupling, own = dynamic_stiffness(m, lin.pulleys, lin.has_arm, omega, of)
-    if lin.has_arm and damping.arm:
-        own = own.at[-1, -1].add(1j * omega * lin.steady.groups.arm_damping)
+    on_delta, coupling, own = dynamic_stiffness(m, lin.rotors, omega, of)
+    if damping.arm:
+        own = own + 1j * omega * block_diag(*own_damping(lin))
     whole = jnp.block([[jnp.diag(on_delta) + 0j, coupling], [coupling.conj().T, own]])
-    scale = jnp.sqrt(m.ka * m.gam)
-    rotors = forces[lin.pulleys]
-    if lin.has_arm:
-        rotors = jnp.append(rotors, 0.0)
-    z = jnp.linalg.solve(whole, jnp.concatenate([-scale * lin.driving * crank, rotors]))
-    delta, turning = z[: lin.spans], z[lin.spans : lin.spans + len(lin.pulleys)]
-    arm = z[-1] if lin.has_arm else jnp.zeros((), complex)
-    rotations = jnp.zeros(lin.spans, complex).at[lin.pulleys].set(turning)
+    scale = jnp.sqrt(m.lam * m.gam)
+    on_rotors = _on_rotors(lin, omega, crank, forces, damping, 1.0)
+    load = [-scale * lin.driving * crank, on_rotors, jnp.zeros(lin.bodies)]
+    z = jnp.linalg.solve(whole, jnp.concatenate(load))
+    delta, turning = z[: lin.spans], z[lin.spans : lin.spans + len(lin.rotors)]
+    moved = z[lin.spans + len(lin.rotors) :] * m.movable
+    rotations = jnp.zeros(m.turns.shape[1], complex).at[lin.rotors].set(turning)
     fine = jnp.linspace(0.0, 1.0, 8 * _POINTS + 1)
-    peaks = jnp.max(_modulus(spans_in_motion(m, of, delta, arm, fine)), axis=1)
-    return None, rotations, arm, delta / scale, peaks
+    peaks = jnp.max(_modulus(spans_in_motion(m, of, delta, moved, fine)), axis=1)
+    return None, rotations, moved, delta / scale, peaks
 
 
-def _in_newtons(lin, frequencies, z, rotations, arm, strains, peaks, crank) -> Response:
-    m, scales = lin.model, lin.scales
+def _in_newtons(lin, frequencies, z, rotations, moved, strains, peaks, crank) -> Response:
+    m, scales, loops = lin.model, lin.scales, lin.steady.groups.loops
     tensions = scales.tension * m.gam * strains
     # Pulley i is pulled along the span that starts there and against the one that ends there.
     along = lin.steady.reference.layout.directions
     pulls = tensions[..., None] * along
-    hub = _modulus(pulls - jnp.roll(pulls, 1, axis=1))
-    rotations = rotations + crank * jnp.zeros(lin.spans).at[lin.driver].set(1.0 - lin.free)
+    hub = _modulus(pulls - jax.vmap(loops.preceding)(pulls))
+    driven = jnp.zeros(m.turns.shape[1]).at[lin.driver].set(1.0 - lin.free)
+    rotations = rotations + crank * driven
     swing = _modulus(tensions)
     running = lin.steady.running_tensions
     slack = jnp.where(swing > 0, running / jnp.where(swing > 0, swing, 1.0), jnp.inf)
     answer = Response(
         frequencies=frequencies,
-        rotations=rotations,
-        arm_rotation=arm,
+        rotations=lin.of_pulleys(rotations),
+        rotor_rotations=rotations,
+        tensioner_motions=moved * lin.units,
         span_peaks=peaks * m.lam * scales.length,
         tensions=tensions,
         hub_loads=jnp.sqrt(jnp.sum(hub**2, axis=-1) + 1e-300),
@@ -228,7 +246,7 @@ def _in_newtons(lin, frequencies, z, rotations, arm, strains, peaks, crank) -> R
         result=lin.result,
         warning=first_failure((jnp.any(slack < 1), RESULTS.span_slackens)),
     )
-    parts = rotations, arm, answer.span_peaks, tensions, answer.hub_loads
+    parts = rotations, moved, answer.span_peaks, tensions, answer.hub_loads
     finite = jnp.all(jnp.stack([jnp.all(jnp.isfinite(part)) for part in parts]))
     result = first_failure(
         (~succeeded(lin.result), lin.result), (~finite, RESULTS.response_not_finite)

@@ -3,22 +3,19 @@
 import abc
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
-from beltjax.analysis.reference import (
-    LARGEST_STRAIN,
-    ReferenceState,
-    beyond_stops,
-    resting,
-)
+from beltjax.analysis.reference import LARGEST_STRAIN, ReferenceState, resting
+from beltjax.compiling.quick import boundary_jit, usual_promotion
 from beltjax.drive.canonical import canonical
 from beltjax.drive.groups import Groups, Scales, groups_and_scales
+from beltjax.drive.layout import Loops
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.placeholders import harmless, usable
 from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
-from beltjax.numerics.compilation import boundary_jit, usual_promotion
 from beltjax.physics import steady as physics
 from beltjax.results import (
     RESULTS,
@@ -36,7 +33,7 @@ class AbstractSteadyMethod(eqx.Module):
 
     @abc.abstractmethod
     def solve(self, model: physics.SteadyModel) -> physics.SteadySolution:
-        """Common tension and arm rotation."""
+        """Tension of each belt and the coordinates."""
 
     @abc.abstractmethod
     def coupling(
@@ -45,7 +42,7 @@ class AbstractSteadyMethod(eqx.Module):
         """Gamma_i of the solution's shapes."""
 
     @abc.abstractmethod
-    def deflection(self, model: physics.SteadyModel, th, Q, i, x: Array) -> Array:
+    def deflection(self, model: physics.SteadyModel, q, Q, i, x: Array) -> Array:
         """w_i(x), both over the span's own length."""
 
 
@@ -60,25 +57,25 @@ class Exact(AbstractSteadyMethod):
         """Closed form."""
         return physics.coupling(model, solved.Q)
 
-    def deflection(self, model, th, Q, i, x):
+    def deflection(self, model, q, Q, i, x):
         """Closed form."""
-        return physics.deflection(model, th, Q, i, x)
+        return physics.deflection(model, q, Q, i, x)
 
 
 class Perturbation(AbstractSteadyMethod):
     """Leading order for small bending stiffness, (3.60)-(3.92): string and boundary layers."""
 
     def solve(self, model):
-        """T0 and th0 of the string."""
+        """T0 and q0 of the string."""
         return physics.string(model)
 
     def coupling(self, model, solved):
         """Leading order in eps."""
         return physics.leading_coupling(model, solved.Q)
 
-    def deflection(self, model, th, Q, i, x):
+    def deflection(self, model, q, Q, i, x):
         """Composite expansion."""
-        return physics.leading_deflection(model, th, Q, i, x)
+        return physics.leading_deflection(model, q, Q, i, x)
 
 
 class Linear(Exact):
@@ -92,15 +89,22 @@ class Linear(Exact):
 class SteadyState(Readable):
     """Steady shape and tensions of a running drive.
 
-    `tension_change` is in P0, the tension at rest without torques (`reference.base_tension`).
+    `tension_change` is in P0, the tension at rest without torques (`reference.base_tension`, of
+    the first belt).
     """
 
     coupling: Float[Array, " spans"]  # Gamma_i
-    tension_change: Float[Array, ""]  # T, gained by every span, over P0
-    arm_rotation: Float[Array, ""]  # theta_t from the reference state [rad], counterclockwise
+    tension_change: Float[
+        Array, "*belts"
+    ]  # T, gained by every span, over P0; of several belts each
+    coordinate_change: Float[Array, " coordinates"]  # from the reference state [rad] or [m]
     running_tensions: Float[Array, " spans"]  # P_i + T P0 [N]
-    effective_tensions: Float[Array, " spans"]  # Q_i = P_i - s^2 + T, over P0
-    effectiveness: Float[Array, ""]  # eta of the string at rest (3.95); 0 without a tensioner
+    effective_tensions: Float[Array, " spans"]  # Q_i = P_i - m c^2 + T, over P0
+    # eta of the string at rest (3.95), 0 without a tensioner; of several belts the matrix whose
+    # entry [b, c] says what the speed of belt c does to the tension of belt b.
+    effectiveness: Float[Array, "*belts"]
+    at_stop: Float[Array, " coordinates"]  # -1 at the least, 1 at the greatest coordinate, else 0
+    stop_reactions: Float[Array, " coordinates"]  # forces of those stops [N m] or [N]
     # sqrt(EI/T)/radius, T the smaller effective tension beside the pulley: how far the belt's
     # bending reaches beside the pulley's size. Above `STIFFEST` the contact points of a string,
     # which this state assumes, are off, and with them tensions and Gamma.
@@ -114,6 +118,13 @@ class SteadyState(Readable):
     stats: dict[str, Array]
     method: AbstractSteadyMethod
 
+    @property
+    def arm_rotation(self) -> Float[Array, ""]:
+        """theta_t from the reference state [rad] of a single arm, counterclockwise; 0 of none."""
+        if len(self.coordinate_change) > 1:
+            raise ValueError("There are several tensioners: read `coordinate_change`.")
+        return jnp.sum(self.coordinate_change)
+
     @usual_promotion
     def deflection(self, i: int, x: Array) -> Array:
         """Deflection of span i at `x`, positive towards the inside of the loop.
@@ -123,8 +134,8 @@ class SteadyState(Readable):
         """
         if not 0 <= i < len(self.coupling):
             raise IndexError(f"span {i} of {len(self.coupling)}: spans count from 0.")
-        th, Q = self.arm_rotation, self.effective_tensions
-        return self.method.deflection(steady_model(self.groups), th, Q, i, jnp.asarray(x))
+        q, Q = self.coordinate_change / self.groups.units, self.effective_tensions
+        return self.method.deflection(steady_model(self.groups), q, Q, i, jnp.asarray(x))
 
 
 def steady_state(
@@ -137,7 +148,7 @@ def steady_state(
     """Steady shape and tensions of a running drive with bending-stiff belt spans.
 
     Small slopes, belt speed uniform, no creep on the pulleys. Kong (2003), eqs. (3.41)-(3.43)
-    for any number of pulleys; `method` is `Exact()` unless given.
+    for any number of pulleys, tensioners and belts; `method` is `Exact()` unless given.
 
     Fails with the results of `reference_state`, `span_slack` when the running belt cannot keep
     every span tight, or `belt_overstretched` (strain above a tenth). With `throw=False` read
@@ -155,36 +166,44 @@ def _steady_state(drive: Drive, point: OperatingPoint, method: AbstractSteadyMet
     drive, point = harmless(drive, point, good)
     reference = resting(drive, point)
     rested = succeeded(reference.result)
+    loops = Loops(drive.loop_sizes)
     # Of a drive that cannot rest nothing is asked but that its numbers stay finite.
-    tensions = jnp.where(rested, reference.tensions, reference.base_tension)
+    level = loops.spread(reference.base_tensions)
+    tensions = jnp.where(rested, reference.tensions, level)
     groups, scales = groups_and_scales(
-        drive, reference.layout, tensions, reference.base_tension, point
+        drive, reference.layout, tensions, reference.base_tension, reference.stop_reactions, point
     )
     model = steady_model(groups)
     solved = method.solve(model)
-    strain = jnp.max(groups.tensions + solved.T) / groups.stretch
+    strain = (groups.tensions + loops.spread(solved.T)) / loops.spread(groups.stretches)
     result = first_failure(
         (~good, RESULTS.numbers_unusable),
         (~rested, reference.result),
+        (solved.unstable, RESULTS.tensioner_unstable),
         (solved.slack, RESULTS.span_slack),
         (~solved.converged, RESULTS.steady_state_not_found),
         (jnp.asarray(solved.unresolved), RESULTS.mesh_exhausted),
-        (strain > LARGEST_STRAIN, RESULTS.belt_overstretched),
-        (_running_past_stop(drive, reference, solved), RESULTS.arm_at_stop),
+        (jnp.max(strain) > LARGEST_STRAIN, RESULTS.belt_overstretched),
     )
     runs = succeeded(result)
     Q = jnp.where(runs, solved.Q, 1.0)
-    stiffness_ratios = groups.bending / (
-        groups.radius_ratios * jnp.sqrt(jnp.minimum(Q, jnp.roll(Q, 1)))
-    )
+    weaker = jnp.minimum(Q, loops.preceding(Q))
+    reach = loops.spread(groups.bendings) / jnp.sqrt(weaker)
+    stiffness_ratios = reach / groups.radius_ratios
     stiff = runs & (jnp.max(stiffness_ratios) > STIFFEST)
+    change = jnp.where(runs, solved.T, 0.0)
+    sprung = model.movable * (solved.held == 0)
+    effectiveness = physics.effectiveness(model, jax.lax.stop_gradient(sprung))
+    single = len(drive.belts) == 1
     steady = SteadyState(
         coupling=jnp.where(runs, method.coupling(model, solved), 0.0),
-        tension_change=jnp.where(runs, solved.T, 0.0),
-        arm_rotation=jnp.where(runs, solved.th, 0.0),
-        running_tensions=reference.tensions + jnp.where(runs, solved.T, 0.0) * scales.tension,
+        tension_change=change[0] if single else change,
+        coordinate_change=jnp.where(runs, solved.q, 0.0) * groups.units,
+        running_tensions=reference.tensions + loops.spread(change) * scales.tension,
         effective_tensions=Q,
-        effectiveness=jnp.where(rested, physics.effectiveness(model), 0.0),
+        effectiveness=jnp.where(rested, effectiveness[0, 0] if single else effectiveness, 0.0),
+        at_stop=jnp.where(runs, solved.held, 0.0),
+        stop_reactions=jnp.where(runs, solved.reaction, 0.0) * scales.energy / groups.units,
         stiffness_ratios=stiffness_ratios,
         groups=groups,
         scales=scales,
@@ -198,25 +217,26 @@ def _steady_state(drive: Drive, point: OperatingPoint, method: AbstractSteadyMet
     return frozen_where_failed(steady, result)
 
 
-def _running_past_stop(drive: Drive, reference: ReferenceState, solved) -> Bool[Array, ""]:
-    if reference.arm_angle is None:
-        return jnp.array(False)
-    return beyond_stops(drive, reference.arm_angle + solved.th)
-
-
 def steady_model(groups: Groups) -> physics.SteadyModel:
     """The groups in the letters of the source."""
+    g, loops = groups, groups.loops
+    stretching = g.span_ratios + g.stretching_arcs * g.arc_ratios
     return physics.SteadyModel(
-        eps=groups.bending,
-        s=groups.speed,
-        gam=groups.stretch,
-        k_s=groups.spring,
-        P=groups.tensions,
-        lam=groups.span_ratios,
-        kap_s=groups.curvature_start,
-        kap_e=groups.curvature_end,
-        a=groups.arm_slope,
-        w_start=groups.arm_lift,
-        D=groups.arm_take_up,
-        rho=groups.arm_ratio,
+        eps=loops.spread(g.bendings),
+        c2=loops.spread(g.masses * g.speeds**2),
+        give=loops.sums(stretching) / g.stretches,
+        belts=jnp.asarray(loops.of_belt),
+        P=g.tensions,
+        lam=g.span_ratios,
+        kap_s=g.curvature_start,
+        kap_e=g.curvature_end,
+        S=g.pulls,
+        a=g.slopes,
+        W0=g.lifts,
+        H=g.curvatures,
+        K=g.springs,
+        movable=g.movable,
+        lo=g.ways[:, 0],
+        hi=g.ways[:, 1],
+        rho=g.stop_forces,
     )

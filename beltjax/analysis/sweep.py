@@ -15,12 +15,12 @@ from beltjax.analysis.linearization import linearize
 from beltjax.analysis.modes import mode_label, modes
 from beltjax.analysis.steady import steady_state
 from beltjax.analysis.tracking import Shapes, Veering, linked, tracks, veerings
+from beltjax.compiling.quick import in_chunks, quickly_compiled, usual_promotion
 from beltjax.drive.canonical import canonical
 from beltjax.drive.numbers import canonical_key, require_number, unit_of, with_number
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis, Legendre
-from beltjax.numerics.compilation import in_chunks, quickly_compiled, usual_promotion
 from beltjax.results import RESULTS, explanations, successes
 
 if TYPE_CHECKING:
@@ -189,7 +189,8 @@ def _required_grid(values: Any) -> Float[np.ndarray, " points"]:
 
 def require_count(drive: Drive, count: int, basis: AbstractBasis = BASIS) -> int:
     """Number of modes there are; raises `ValueError` unless `count` is between 1 and it."""
-    size = len(drive.pulleys) * (basis.size + 1) - 1 + (drive.tensioner is not None)
+    turning = len(drive.shafts) - 1 + len(drive.isolators) + len(drive.dampers)
+    size = len(drive.pulleys) * basis.size + turning + len(drive.tensioners)
     if not 1 <= count <= size:
         raise ValueError(f"count: found {count}; give 1 to {size}, or a larger basis.")
     return size
@@ -228,7 +229,7 @@ def _samples(drive, point, name: str, values, window: int, basis) -> Sample:
             coupling=steady.coupling,
             stiffness_ratios=steady.stiffness_ratios,
             span_shares=found.span_shares,
-            rigid_shares=jnp.sum(found.pulley_shares, axis=1) + found.arm_shares,
+            rigid_shares=jnp.sum(found.rotor_shares, axis=1) + found.tensioner_shares,
             error=found.error,
             result=found.result,
         )

@@ -1,8 +1,4 @@
-"""Where tensioners carry pulleys: positions and their derivatives, for any chain of bodies.
-
-Bodies come parents first. What kind they are and what they carry are arrays, so that only their
-number compiles. docs/theory/bodies.md.
-"""
+"""The tensioners of a drive as arrays: what they carry, their inertia, and their springs."""
 
 from typing import NamedTuple
 
@@ -11,32 +7,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from beltjax.drive.system import Drive
+from beltjax.numerics.rigid_bodies import Bodies, placed
 
 Coordinates = Float[Array, " coordinates"]
-
-
-class Bodies(NamedTuple):
-    """The tensioners of a drive, stacked once; flags are 0 or 1."""
-
-    carried: Float[Array, "pulleys coordinates"]  # the body carries the pulley, or what does
-    carries: Float[Array, "pulleys coordinates"]  # the body carries the pulley itself
-    above: Float[Array, "coordinates coordinates"]  # [b, a]: a is b or b sits on a
-    rotary: Coordinates
-    pivots: Float[Array, "coordinates 2"]
-    directions: Float[Array, "coordinates 2"]  # unit
-    locked: Coordinates
-    stops: Float[Array, "coordinates 2"]
-
-
-class Placed(NamedTuple):
-    """Points moved by the coordinates, with their derivatives by them."""
-
-    x: Float[Array, " points"]
-    y: Float[Array, " points"]
-    by_x: Float[Array, "points coordinates"]
-    by_y: Float[Array, "points coordinates"]
-    twice_x: Float[Array, "points coordinates coordinates"]
-    twice_y: Float[Array, "points coordinates coordinates"]
 
 
 def bodies(drive: Drive) -> Bodies:
@@ -63,48 +36,6 @@ def bodies(drive: Drive) -> Bodies:
         locked=fixed(jnp.stack([body.locked for body in parts])),
         stops=jnp.stack([body.stops for body in parts]),
     )
-
-
-def placed(
-    of: Bodies,
-    x: Float[Array, " points"],
-    y: Float[Array, " points"],
-    carried: Float[Array, "points coordinates"],
-    at: Coordinates,
-) -> Placed:
-    """Points drawn at (x, y), of which `carried` says which bodies move them, with `at` set."""
-    count = len(of.rotary)
-    # Pivots ride on the bodies below their own, directions turn with them.
-    apart = of.above - jnp.eye(count)
-    pivot_x, pivot_y = of.pivots[:, 0], of.pivots[:, 1]
-    along_x, along_y = of.directions[:, 0], of.directions[:, 1]
-    for a in reversed(range(count)):
-        turn = of.rotary[a] * at[a]
-        cos, sin = jnp.cos(turn) - 1.0, jnp.sin(turn)
-        slide = (1.0 - of.rotary[a]) * at[a]
-        center_x, center_y = of.pivots[a, 0], of.pivots[a, 1]
-        shift_x, shift_y = slide * of.directions[a, 0], slide * of.directions[a, 1]
-
-        def moved(px, py, flags, cos=cos, sin=sin, center=(center_x, center_y)):
-            from_x, from_y = px - center[0], py - center[1]
-            return flags * (cos * from_x - sin * from_y), flags * (sin * from_x + cos * from_y)
-
-        dx, dy = moved(x, y, carried[:, a])
-        x, y = x + dx + carried[:, a] * shift_x, y + dy + carried[:, a] * shift_y
-        if count > 1:
-            dx, dy = moved(pivot_x, pivot_y, apart[:, a])
-            pivot_x = pivot_x + dx + apart[:, a] * shift_x
-            pivot_y = pivot_y + dy + apart[:, a] * shift_y
-            dx, dy = moved(along_x, along_y, apart[:, a], center=(0.0, 0.0))
-            along_x, along_y = along_x + dx, along_y + dy
-    slides = 1.0 - of.rotary
-    by_x = carried * (of.rotary * (pivot_y - y[:, None]) + slides * along_x)
-    by_y = carried * (of.rotary * (x[:, None] - pivot_x) + slides * along_y)
-    # The lower of two bodies turns what the upper one does; above[b, a] says a is the lower.
-    lower, upper = of.above.T * of.rotary[:, None], apart * of.rotary[None, :]
-    twice_x = -(lower * by_y[:, None, :] + upper * by_y[:, :, None])
-    twice_y = lower * by_x[:, None, :] + upper * by_x[:, :, None]
-    return Placed(x, y, by_x, by_y, twice_x, twice_y)
 
 
 def mass_matrix(drive: Drive, at: Coordinates) -> Float[Array, "coordinates coordinates"]:

@@ -20,7 +20,7 @@ from beltjax.drive.file_bodies import SINGLE, arm_direction
 from beltjax.drive.installation import TensionGiven
 from beltjax.drive.layout import Layout, crossings, layout
 from beltjax.drive.system import Drive
-from beltjax.errors import FileError
+from beltjax.files.errors import FileError
 
 _MOST_APART = 1e8  # largest length over smallest radius: gaps and wraps keep eight digits
 

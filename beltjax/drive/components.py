@@ -10,8 +10,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from beltjax.drive.fields import number
 from beltjax.drive.readable import Readable
+from beltjax.files.fields import number
 
 SIDES = {"grooved": 1.0, "back": -1.0}
 SENSES = {"counterclockwise": 1.0, "clockwise": -1.0}

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beltjax.drive.components import KINDS, NO_STOPS, ArmSpring, Tensioner
-from beltjax.drive.fields import numbers
 from beltjax.drive.file_tables import (
     ArmTable,
     DriveTable,
@@ -16,9 +15,10 @@ from beltjax.drive.file_tables import (
     RotaryTable,
     TwinArmTable,
 )
-from beltjax.drive.quantities import checked, given_numbers
 from beltjax.drive.system import Drive
-from beltjax.errors import FileError
+from beltjax.files.errors import FileError
+from beltjax.files.fields import numbers
+from beltjax.files.tables import checked, given_numbers
 
 SINGLE = "tensioner"  # name of the one that [tensioner] describes
 _MOST_BODIES = 12  # compiling grows with their number

@@ -14,13 +14,13 @@ from beltjax.drive.components import (
     Isolator,
     Pulley,
 )
-from beltjax.drive.fields import numbers
 from beltjax.drive.file_bodies import Bodies
 from beltjax.drive.file_tables import DriveTable, PulleyTable
-from beltjax.drive.quantities import given_numbers
 from beltjax.drive.system import Drive, joined_shafts, repeated_name, span_names
-from beltjax.drive.units import shown
-from beltjax.errors import FileError
+from beltjax.files.errors import FileError
+from beltjax.files.fields import numbers
+from beltjax.files.tables import given_numbers
+from beltjax.files.units import shown
 
 _MOST_PULLEYS = 200  # compiling grows with their number: 100 take some 12 s, 300 some 40 s
 

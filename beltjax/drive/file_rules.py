@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from beltjax.drive.components import ArmSpring, Tensioner
-from beltjax.drive.fields import Number, numbers
 from beltjax.drive.file_bodies import SINGLE, Bodies
 from beltjax.drive.file_tables import DriveTable, RuleTable
 from beltjax.drive.installation import (
@@ -16,10 +15,11 @@ from beltjax.drive.installation import (
     Installation,
     TensionGiven,
 )
-from beltjax.drive.quantities import checked
 from beltjax.drive.system import Drive
-from beltjax.drive.units import shown
-from beltjax.errors import FileError
+from beltjax.files.errors import FileError
+from beltjax.files.fields import Number, numbers
+from beltjax.files.tables import checked
+from beltjax.files.units import shown
 
 _KEY = "installation"
 

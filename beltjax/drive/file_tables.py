@@ -9,8 +9,8 @@ from pydantic_core import PydanticCustomError
 from beltjax.drive.components import Belt, Damper, Isolator, Pulley, Tensioner
 from beltjax.drive.installation import BeltGiven, TensionGiven
 from beltjax.drive.operation import ExcitationGiven, OperatingPoint
-from beltjax.drive.quantities import Table, numbers_of, valid
-from beltjax.drive.units import shown, to_si
+from beltjax.files.tables import Table, numbers_of, valid
+from beltjax.files.units import shown, to_si
 
 Kind = Literal["rotary", "linear", "twin-arm"]
 Two = Field(min_length=2, max_length=2)

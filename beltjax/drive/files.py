@@ -24,11 +24,11 @@ from beltjax.drive.file_pulleys import (
 from beltjax.drive.file_rules import installation_content, read_installation
 from beltjax.drive.file_tables import DriveTable, ModelTable, OperationTable
 from beltjax.drive.operation import ExcitationGiven, OperatingPoint
-from beltjax.drive.quantities import validated
 from beltjax.drive.system import Drive
-from beltjax.errors import FileError
-from beltjax.reading import read_toml
-from beltjax.writing import write_whole
+from beltjax.files.errors import FileError
+from beltjax.files.reading import read_toml
+from beltjax.files.tables import validated
+from beltjax.files.writing import write_whole
 
 _TERMS = tuple(ModelTable.model_fields)  # of [model]
 

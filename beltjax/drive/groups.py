@@ -3,39 +3,84 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
-from beltjax.drive.layout import Layout
+from beltjax.drive.bodies import bodies, mass_matrix, springs
+from beltjax.drive.layout import Layout, Loops
 from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.shafts import rotors, transmission
 from beltjax.drive.system import Drive
 
 
 class Groups(eqx.Module):
     """A drive in pure numbers; compare these with the literature.
 
-    Lengths are in the mean span length, tensions in P0 (the tension at rest without torques),
-    times in `Scales.time`. An angular frequency in rad/s is the dimensionless one over it.
+    Lengths are in the mean span length, tensions in P0 (the tension at rest without torques, of
+    the first belt), masses per length in that belt's, times in `Scales.time`. Coordinates are in
+    radians or in mean span lengths. An angular frequency in rad/s is the dimensionless one over
+    the time.
     """
 
-    bending: Float[Array, ""]  # eps = sqrt(EI/P0)/l
-    speed: Float[Array, ""]  # s = c sqrt(m/P0)
-    stretch: Float[Array, ""]  # gamma = EA/P0
-    spring: Float[Array, ""]  # k_s = k_r/(P0 r_t); 1 where there is no tensioner
+    bendings: Float[Array, " belts"]  # eps = sqrt(EI/P0)/l
+    speeds: Float[Array, " belts"]  # s = c sqrt(m/P0), with the first belt's m
+    stretches: Float[Array, " belts"]  # gamma = EA/P0
+    masses: Float[Array, " belts"]
     tensions: Float[Array, " spans"]  # P_i/P0, at rest, with torques
     span_ratios: Float[Array, " spans"]  # lambda_i = l_i/l
+    arc_ratios: Float[Array, " pulleys"]  # arcs over l
     curvature_start: Float[Array, " spans"]  # sigma_i l_i/r_i
     curvature_end: Float[Array, " spans"]  # sigma_j l_i/r_j
-    arm_ratio: Float[Array, ""]  # r_t/l
-    arm_take_up: Float[Array, ""]  # D = sin(beta_in) - sin(beta_out)
-    arm_slope: Float[Array, " spans"]  # (w_i(1) - w_i(0))/theta_t
-    arm_lift: Float[Array, " spans"]  # w_i(0)/theta_t
-    arm_strain: Float[Array, " spans"]  # d(path)/d(theta_t), the span's part, over l_i
     radius_ratios: Float[Array, " pulleys"]  # r_i/l
     drives: Float[Array, " pulleys"]  # 1 for the driver, 0 for the others
-    travel: Float[Array, ""]  # +1: the belt runs in the listed order; -1: against it
-    pulley_inertias: Float[Array, " pulleys"] | None  # mhat_i r_i/r_t; None if one is missing
-    arm_inertia: Float[Array, ""] | None  # mhat_t = J_t/(m r_t l^2)
-    arm_damping: Float[Array, ""]  # in P0 r_t times the unit of time
+    travel: Float[Array, " spans"]  # +1: the belt runs in the listed order; -1: against it
+    units: Float[Array, " coordinates"]  # l where a coordinate is a length, else 1
+    arm_ratios: Float[Array, " coordinates"]  # r_t/l
+    pulls: Float[Array, "spans coordinates"]  # S: the span's part of d(path)
+    slopes: Float[Array, "spans coordinates"]  # a: d(w_i(1) - w_i(0)), w over l_i
+    lifts: Float[Array, "spans coordinates"]  # W0: d(w_i(0))
+    curvatures: Float[Array, "spans coordinates coordinates"]  # H; 0 where the model leaves it out
+    springs: Float[Array, "coordinates coordinates"]
+    movable: Float[Array, " coordinates"]  # 0 where locked
+    ways: Float[Array, "coordinates 2"]  # to the stops, from the reference state
+    stop_forces: Float[Array, " coordinates"]  # of the stops at rest
+    arm_damping: Float[Array, "coordinates coordinates"]
+    arm_inertia: Float[Array, "coordinates coordinates"] | None  # None where one is missing
+    turning: Float[Array, "pulleys rotors"]  # which rotor a pulley's rim turns with
+    held_rotor: Float[Array, " rotors"]  # 1 for the hub of the driver
+    hubs: Float[Array, "pulleys rotors"]  # which rotor a pulley's torque acts on
+    rotor_inertias: Float[Array, " rotors"] | None  # None where one is missing
+    rotor_springs: Float[Array, "rotors rotors"]
+    rotor_damping: Float[Array, "rotors rotors"]
+    stretching_arcs: Float[Array, ""]
+    belt_inertia: Float[Array, ""]
+    loop_sizes: tuple[int, ...] = eqx.field(static=True)
+
+    @property
+    def loops(self) -> Loops:
+        """Which spans belong to which belt."""
+        return Loops(self.loop_sizes)
+
+    @property
+    def bending(self) -> Float[Array, ""]:
+        """Bending stiffness eps of the first belt."""
+        return self.bendings[0]
+
+    @property
+    def speed(self) -> Float[Array, ""]:
+        """Speed s of the first belt."""
+        return self.speeds[0]
+
+    @property
+    def stretch(self) -> Float[Array, ""]:
+        """Axial stiffness gamma of the first belt."""
+        return self.stretches[0]
+
+    @property
+    def spring(self) -> Float[Array, ""]:
+        """k_s = k_r/(P0 r_t) of the first tensioner, a rotary one; 1 where there is none."""
+        if not len(self.units):
+            return jnp.ones(())
+        return self.springs[0, 0] / self.arm_ratios[0]
 
 
 class Scales(eqx.Module):
@@ -45,140 +90,109 @@ class Scales(eqx.Module):
     tension: Float[Array, ""]  # P0 [N]
     time: Float[Array, ""]  # l sqrt(m/P0) [s]
 
+    @property
+    def energy(self) -> Float[Array, ""]:
+        """P0 l, the unit of energies and moments [J]."""
+        return self.tension * self.length
+
 
 def groups_and_scales(
     drive: Drive,
     at: Layout,
     tensions: Float[Array, " spans"],
     base_tension: Float[Array, ""],
+    stop_forces: Float[Array, " coordinates"],
     point: OperatingPoint,
 ) -> tuple[Groups, Scales]:
-    """Dimensionless groups of a drive whose reference state has this layout and these tensions."""
-    lengths, belt = at.span_lengths, drive.belt
+    """Dimensionless groups of a drive whose reference state has this layout and these tensions.
+
+    `stop_forces` is what the stops carry there [N m] or [N], by the coordinates.
+    """
+    loops, of, of_springs = Loops(drive.loop_sizes), bodies(drive), springs(drive)
+    lengths = at.span_lengths
     length = jnp.mean(lengths)
-    wave_speed = jnp.sqrt(base_tension / belt.mass_per_length)
+    axial = jnp.stack([belt.axial_stiffness for belt in drive.belts])
+    bending = jnp.stack([belt.bending_stiffness for belt in drive.belts])
+    mass = jnp.stack([belt.mass_per_length for belt in drive.belts])
+    wave_speed = jnp.sqrt(base_tension / mass[0])
+    time = length / wave_speed
+    speeds, travel = _speeds(drive, point, loops)
     curvatures = drive.faces / drive.radii
-    if drive.tensioner is None:
-        # A unit spring on an arm that touches nothing: theta_t = 0 without a special case.
-        present, spring = 0.0, jnp.ones(())
-    else:
-        present, spring = 1.0, drive.tensioner.stiffness / (base_tension * at.arm_length)
-    arm = drive.tensioner
-    damping = None if arm is None else arm.damping
-    time, moment = length / wave_speed, base_tension * at.arm_length
-    inertia_unit = belt.mass_per_length * at.arm_length * length**2
-    slope = present * at.arm_normal * at.arm_length / lengths
+    units = jnp.where(of.rotary > 0, 1.0, length)
+    energy = base_tension * length
+    inertia_unit = mass[0] * length**3
+    by = units / length
+    # A body that no spring holds is held by the curvature of the mechanism alone.
+    counted = jnp.maximum(
+        jax.lax.stop_gradient(drive.model.arm_curvature),
+        jnp.maximum(of_springs.floating[:, None], of_springs.floating),
+    )
+    turning = rotors(drive)
     groups = Groups(
-        bending=_root_or_zero(belt.bending_stiffness / base_tension) / length,
-        speed=point.speed(drive) / wave_speed,
-        stretch=belt.axial_stiffness / base_tension,
-        spring=spring,
+        bendings=_root_or_zero(bending / base_tension) / length,
+        speeds=speeds / wave_speed,
+        stretches=axial / base_tension,
+        masses=mass / mass[0],
         tensions=tensions / base_tension,
         span_ratios=lengths / length,
+        arc_ratios=at.arc_lengths / length,
         curvature_start=lengths * curvatures,
-        curvature_end=lengths * jnp.roll(curvatures, -1),
-        arm_ratio=at.arm_length / length,
-        arm_take_up=-present * jnp.sum(at.arm_tangent),
-        arm_slope=slope,
-        # The span that starts on the arm is the one whose first pulley is carried.
-        arm_lift=-slope * drive.carried,
-        arm_strain=present * at.arm_tangent * at.arm_length / lengths,
+        curvature_end=lengths * loops.following(curvatures),
         radius_ratios=drive.radii / length,
         drives=drive.drives,
-        travel=jax.lax.stop_gradient(point.travel),
-        pulley_inertias=_pulley_inertias(drive, inertia_unit),
-        arm_inertia=None if arm is None or arm.inertia is None else arm.inertia / inertia_unit,
-        arm_damping=jnp.zeros(()) if damping is None else damping / (moment * time),
+        travel=travel,
+        units=units,
+        arm_ratios=jnp.sqrt(_positive(jnp.sum(at.arms**2, axis=1))) / length,
+        pulls=at.span_pulls * by,
+        slopes=at.span_turns * units / lengths[:, None],
+        lifts=at.lifts * units / lengths[:, None],
+        curvatures=at.curvatures * counted * by[:, None] * units,
+        springs=of_springs.matrix * units[:, None] * units / energy,
+        movable=1.0 - of.locked,
+        ways=(of.stops - at.coordinates[:, None]) / units[:, None],
+        stop_forces=stop_forces * units / energy,
+        arm_damping=jnp.einsum("s,sa,sb->ab", of_springs.damping, of_springs.rows, of_springs.rows)
+        * units[:, None]
+        * units
+        / (energy * time),
+        arm_inertia=_arm_inertia(drive, at, units, inertia_unit),
+        turning=turning.rims,
+        held_rotor=turning.driver,
+        hubs=turning.hubs,
+        rotor_inertias=None if turning.inertias is None else turning.inertias / inertia_unit,
+        rotor_springs=turning.stiffness / energy,
+        rotor_damping=turning.damping / (energy * time),
+        stretching_arcs=jax.lax.stop_gradient(drive.model.stretching_arcs),
+        belt_inertia=jax.lax.stop_gradient(drive.model.belt_inertia),
+        loop_sizes=drive.loop_sizes,
     )
     return groups, Scales(length=length, tension=base_tension, time=time)
 
 
-def _pulley_inertias(drive: Drive, unit: Float[Array, ""]) -> Float[Array, " pulleys"] | None:
-    inertias = [pulley.inertia for pulley in drive.pulleys]
-    if any(inertia is None for inertia in inertias):
+def _speeds(drive: Drive, point: OperatingPoint, loops: Loops):
+    """Speed of each belt [m/s], and the direction of its travel for each span."""
+    if len(loops.sizes) == 1:
+        travel = jax.lax.stop_gradient(point.travel)
+        return point.speed(drive)[None], jnp.broadcast_to(travel, (loops.sizes[0],))
+    driven = transmission(drive, point)
+    return driven.speeds[loops.starts], driven.travel
+
+
+def _arm_inertia(drive: Drive, at: Layout, units, unit):
+    if any(body.inertia is None for body in drive.tensioners):
         return None
-    return jnp.stack(inertias) / unit  # pyright: ignore[reportArgumentType]
+    return mass_matrix(drive, at.coordinates) * units[:, None] * units / unit
 
 
-def _root_or_zero(ratio: Float[Array, ""]) -> Float[Array, ""]:
+def _positive(square: Float[Array, " n"]) -> Float[Array, " n"]:
+    """`square`, or 1 without a derivative where it is 0, of a body that carries nothing."""
+    return jnp.where(square > 0, square, 1.0)
+
+
+def _root_or_zero(ratio: Float[Array, " n"]) -> Float[Array, " n"]:
     """Square root whose derivative at 0 is taken as 0, not inf.
 
     At EI = 0 the derivative of Gamma with respect to EI has no value; everything else has.
     """
     positive = ratio > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, ratio, 1.0)), 0.0)
-
-
-class ContactGroups(eqx.Module):
-    """A drive in pure numbers for contact mechanics, in the order in which its belt travels.
-
-    Lengths are in `Scales.length`, forces in P0, speeds in sqrt(P0/m).
-    """
-
-    bending: Float[Array, ""]  # EI/(P0 l^2)
-    stretch: Float[Array, ""]  # EA/P0
-    centers: Float[Array, "pulleys 2"]  # with the arm as drawn
-    radii: Float[Array, " pulleys"]  # positive where the pulley turns the belt left
-    friction: Float[Array, " pulleys"]  # 1 where it is not given
-    pulls: Float[Array, " pulleys"]  # M_i/R_i taken from the belt; the driver balances the others
-    drives: Float[Array, " pulleys"]
-    carried: Float[Array, " pulleys"]
-    arm: Float[Array, "2"]
-    spring: Float[Array, ""]  # k_r/(P0 l); 1 where there is no tensioner
-    belt_speed: Float[Array, ""] | None
-    driver_speed: Float[Array, ""] | None  # of its surface
-    mass_flow: Float[Array, ""] | None
-
-
-class TravelOrder(eqx.Module):
-    """Where things listed are met by the belt. Each permutation is its own inverse."""
-
-    pulleys: Int[Array, " pulleys"]
-    spans: Int[Array, " spans"]
-
-    @classmethod
-    def of(cls, count: int, travel: Float[Array, ""]) -> "TravelOrder":
-        """For `count` pulleys and a belt that runs as listed (+1) or against the list (-1)."""
-        listed = jnp.arange(count)
-        forward = travel > 0
-        return cls(
-            jnp.where(forward, listed, -listed % count),
-            jnp.where(forward, listed, (-listed - 1) % count),
-        )
-
-
-def contact_groups(
-    drive: Drive,
-    point: OperatingPoint,
-    torques: Float[Array, " pulleys"],
-    base_tension: Float[Array, ""],
-) -> tuple[ContactGroups, Scales]:
-    """Groups of a drive whose pulleys take these torques; forces are measured in `base_tension`."""
-    belt, arm, travel = drive.belt, drive.tensioner, jax.lax.stop_gradient(point.travel)
-    order = TravelOrder.of(len(drive.pulleys), travel).pulleys
-    steps = jnp.roll(drive.centers, -1, axis=0) - drive.centers
-    length = jax.lax.stop_gradient(jnp.mean(jnp.sqrt(jnp.sum(steps**2, axis=1))))
-    speed = jnp.sqrt(base_tension / belt.mass_per_length)
-    frictions = [1.0 if p.friction is None else p.friction for p in drive.pulleys]
-    side = jax.lax.stop_gradient(drive.sense) * travel * drive.faces
-    surface = point.driver_speed
-    if surface is not None:
-        surface = surface * (drive.drives @ drive.radii) / speed
-    groups = ContactGroups(
-        bending=belt.bending_stiffness / (base_tension * length**2),
-        stretch=belt.axial_stiffness / base_tension,
-        centers=drive.centers[order] / length,
-        radii=(side * drive.radii)[order] / length,
-        friction=jnp.stack([jnp.asarray(value) for value in frictions])[order],
-        pulls=(torques / drive.radii)[order] / base_tension,
-        drives=drive.drives[order],
-        carried=drive.carried[order],
-        arm=drive.arm / length,
-        spring=jnp.ones(()) if arm is None else arm.stiffness / (base_tension * length),
-        belt_speed=None if point.belt_speed is None else point.belt_speed / speed,
-        driver_speed=surface,
-        mass_flow=None
-        if point.mass_flow is None
-        else point.mass_flow / (belt.mass_per_length * speed),
-    )
-    return groups, Scales(length=length, tension=base_tension, time=length / speed)

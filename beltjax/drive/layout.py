@@ -7,17 +7,17 @@ docs/theory/geometry.md, (G1) to (G6), and docs/theory/bodies.md.
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from beltjax.drive.bodies import Bodies, bodies, placed
+from beltjax.compiling.quick import boundary_jit
+from beltjax.drive.bodies import bodies
 from beltjax.drive.canonical import canonical_drive
 from beltjax.drive.components import as_flags
 from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
-from beltjax.numerics.compilation import boundary_jit
+from beltjax.numerics.rigid_bodies import Bodies, placed
 from beltjax.results import (
     RESULTS,
     first_failure,

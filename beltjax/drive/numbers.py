@@ -18,11 +18,11 @@ from jaxtyping import Array, Float
 
 from beltjax.drive.canonical import canonical_drive
 from beltjax.drive.components import KINDS, ArmSpring, concrete
-from beltjax.drive.fields import Number, number, numbers
 from beltjax.drive.installation import BeltGiven
 from beltjax.drive.layout import turned
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
+from beltjax.files.fields import Number, number, numbers
 
 TORQUE = "operation.torque."
 SPEEDS = ("operation.belt_speed", "operation.driver_speed")

@@ -5,7 +5,6 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool
 
 from beltjax.drive.bodies import bodies
@@ -27,16 +26,15 @@ def usable(drive: Drive, point: OperatingPoint) -> Bool[Array, ""]:
     not_negative = [belt.bending_stiffness for belt in drive.belts]
     not_negative += [body.stiffness for body in drive.tensioners]
     # Stops may be infinite, and free positions that are not given are NaN.
-    judged = eqx.tree_at(
-        lambda d: ([body.stops for body in d.tensioners], d.installation.free),
-        drive,
-        ([None] * len(drive.tensioners), None),
-        is_leaf=lambda leaf: leaf is None,
-    )
-    numbers, _ = ravel_pytree((judged, point))
+    leaves = jax.tree_util.tree_leaves_with_path((drive, point))
+    finite = [
+        jnp.ravel(leaf)
+        for path, leaf in leaves
+        if getattr(path[-1], "name", "") not in ("stops", "free")
+    ]
     least = jnp.min(jnp.concatenate([jnp.ravel(number) for number in positive]))
     floor = jnp.min(jnp.stack(not_negative))
-    good = jnp.all(jnp.isfinite(numbers)) & (least > 0) & (floor >= 0)
+    good = jnp.all(jnp.isfinite(jnp.concatenate(finite))) & (least > 0) & (floor >= 0)
     if drive.tensioners:
         stops = bodies(drive).stops
         good = good & jnp.all(stops[:, 0] <= stops[:, 1])

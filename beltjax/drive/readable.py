@@ -12,8 +12,8 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
-from beltjax.drive.fields import numbers
 from beltjax.drive.units_of_file import UnitsOfFile
+from beltjax.files.fields import numbers
 from beltjax.results import RESULTS, code, outcomes
 
 _LONGEST = 8  # numbers of an array that are shown

@@ -25,9 +25,10 @@ class Transmission(NamedTuple):
 def transmission(drive: Drive, point: "OperatingPoint") -> Transmission:
     """Speeds and torques of all pulleys, from the driver's belt to those that it drives.
 
-    Shafts and belts form a tree. On each belt the pulley nearest to the driver gives what the others
-    take; on each shaft but the driver's the pulley nearest to the driver takes what the shaft's
-    accessories and its other belts need. Raises `KeyError` for a torque on an unknown pulley.
+    Shafts and belts form a tree. On each belt the pulley nearest to the driver gives what the
+    others take; on each shaft but the driver's the pulley nearest to the driver takes what the
+    shaft's accessories and its other belts need. Raises `KeyError` for a torque on an unknown
+    pulley.
     """
     for name in point.torque:
         drive.pulley(name)
@@ -63,3 +64,78 @@ def transmission(drive: Drive, point: "OperatingPoint") -> Transmission:
         torques=torques,
         turning=travel * left,
     )
+
+
+class Rotors(NamedTuple):
+    """What turns: a hub for each shaft, then the rims of isolators, then the rings of dampers.
+
+    All turn positively in the direction in which their pulleys follow the belt's travel.
+    """
+
+    rims: Float[Array, "pulleys rotors"]  # 1 at the rotor that the belt turns
+    hubs: Float[Array, "pulleys rotors"]  # 1 at the rotor that takes the pulley's torque
+    driver: Float[Array, " rotors"]  # 1 for the hub of the driver
+    inertias: Float[Array, " rotors"] | None  # [kg m^2]; None where one is missing
+    stiffness: Float[Array, "rotors rotors"]  # [N m/rad]
+    damping: Float[Array, "rotors rotors"]  # [N m s/rad]
+
+
+def rotors(drive: Drive) -> Rotors:
+    """The rotors of a drive, and the torsion springs between them."""
+    count, shafts = len(drive.pulleys), drive.shafts
+    on_shaft = np.array([np.isin(np.arange(count), shaft) for shaft in shafts], float)
+    isolated, rings = drive.isolators, drive.dampers
+    size = len(shafts) + len(isolated) + len(rings)
+    hubs = jnp.pad(jnp.asarray(on_shaft.T), ((0, 0), (0, size - len(shafts))))
+    fixed = jax.lax.stop_gradient
+    rims, springs, dampings = hubs, jnp.zeros((size, size)), jnp.zeros((size, size))
+
+    def joined(one, other, part):
+        row = one - other
+        return part.stiffness * jnp.outer(row, row), part.damping * jnp.outer(row, row)
+
+    for k, isolator in enumerate(isolated):
+        flags, rim = fixed(isolator.pulleys), jnp.zeros(size).at[len(shafts) + k].set(1.0)
+        hub = flags @ hubs / jnp.sum(flags)
+        rims = (1 - flags)[:, None] * rims + flags[:, None] * rim
+        stiffness, damping = joined(rim, hub, isolator)
+        springs, dampings = springs + stiffness, dampings + damping
+    for k, damper in enumerate(rings):
+        flags = fixed(damper.pulley)
+        ring = jnp.zeros(size).at[len(shafts) + len(isolated) + k].set(1.0)
+        on = flags @ jnp.where(fixed(damper.on_rim) > 0, rims, hubs)
+        stiffness, damping = joined(ring, on, damper)
+        springs, dampings = springs + stiffness, dampings + damping
+    return Rotors(
+        rims=rims,
+        hubs=hubs,
+        driver=drive.drives @ hubs,
+        inertias=_inertias(drive),
+        stiffness=springs,
+        damping=dampings,
+    )
+
+
+def rotor_names(drive: Drive) -> tuple[str, ...]:
+    """Names of the rotors: the first pulley of a shaft, "NAME.rim" and "NAME.ring"."""
+    names = drive.pulley_names
+    rims = [names[int(np.argmax(np.asarray(part.pulleys)))] for part in drive.isolators]
+    rings = [names[int(np.argmax(np.asarray(part.pulley)))] for part in drive.dampers]
+    return (
+        *(names[shaft[0]] for shaft in drive.shafts),
+        *(f"{name}.rim" for name in rims),
+        *(f"{name}.ring" for name in rings),
+    )
+
+
+def _inertias(drive: Drive) -> Float[Array, " rotors"] | None:
+    """Inertia of each rotor; that of a shaft may stand on any of its pulleys."""
+    own = []
+    for shaft in drive.shafts:
+        given = [drive.pulleys[p].inertia for p in shaft if drive.pulleys[p].inertia is not None]
+        own.append(sum(given[1:], start=given[0]) if given else None)
+    own += [isolator.rim_inertia for isolator in drive.isolators]
+    own += [damper.inertia for damper in drive.dampers]
+    if any(inertia is None for inertia in own):
+        return None
+    return jnp.stack(own)

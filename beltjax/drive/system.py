@@ -145,9 +145,9 @@ class Drive(Readable):
 
     def _check_bodies(self) -> None:
         count = len(self.tensioners)
-        for what, part, flags in (
-            *((f"Pulley {p.name!r}", p, p.on) for p in self.pulleys),
-            *((f"Tensioner {t.name!r}", t, t.on) for t in self.tensioners),
+        for what, flags in (
+            *((f"Pulley {p.name!r}", p.on) for p in self.pulleys),
+            *((f"Tensioner {t.name!r}", t.on) for t in self.tensioners),
         ):
             if flags.ndim == 1:
                 require_shape(what, flags, (count,), "on, a flag for each tensioner,")

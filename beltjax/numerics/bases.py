@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.polynomial import legendre
 
-from beltjax.numerics.slopes import with_own_slopes
+from beltjax.numerics.derivative_rules import with_own_slopes
 
 # Order from which the continued fraction of the Bessel ratio starts. It contracts by
 # exp(-depth^2/k) on the way down, and its start is good to 1/k^2: rounding for every k.

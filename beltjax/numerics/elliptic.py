@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from beltjax.numerics.lanes import in_lanes_of
+from beltjax.compiling.batched_loops import in_lanes_of
 
 _DUPLICATIONS = 11  # five bring 1 and 1e-16 to one order, six more the series to rounding
 _MEANS = 8  # arithmetic-geometric, from a complementary parameter of 1e-16

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float
 
-from beltjax.numerics.slopes import without_derivative
+from beltjax.numerics.derivative_rules import without_derivative
 
 Matrix = Float[Array, "size size"]
 Vectors = Complex[Array, "count size"]

@@ -19,8 +19,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from beltjax.numerics.bvp_blocks import inverse
-from beltjax.numerics.lanes import in_lanes_of
+from beltjax.compiling.batched_loops import in_lanes_of
+from beltjax.numerics.small_matrices import inverse
 
 Scalar = Float[Array, ""]
 Vector = Float[Array, " n"]
@@ -51,25 +51,28 @@ def increasing_root(
     lower: Scalar,
     guess: Scalar,
     *,
+    least_slope: Scalar | float = 0.0,
     tol: float = 1e-9,
     max_steps: int = 80,
 ) -> Search:
     """The root above `lower` of a function that changes sign at most once, from minus to plus.
 
     Newton's method, kept inside the bracket found so far; a step out of it is replaced by
-    half the way back. The last step taken is below `tol` relative to the root, so that the
-    error, being quadratic in it, is at rounding. If the function is positive everywhere
-    the search ends at `lower` with a positive residual.
+    half the way back. Where the function is known to rise by `least_slope` at least, each of its
+    values brackets the root from both sides. The last step taken is below `tol` relative to the
+    root, so that the error, being quadratic in it, is at rounding. If the function is positive
+    everywhere the search ends at `lower` with a positive residual.
     """
 
     def body(state):
         x, low, high, _, _, steps = state
         value, slope = jax.jvp(residual, (x,), (jnp.ones_like(x),))
-        low = jnp.where(value < 0, x, low)
-        high = jnp.where(value >= 0, x, high)
+        reach = x - value / least_slope if bounded else x
+        low = jnp.where(value < 0, x, jnp.maximum(low, reach) if bounded else low)
+        high = jnp.where(value >= 0, x, jnp.minimum(high, reach) if bounded else high)
         step = -value / jnp.where(slope == 0, 1.0, slope)
         retreat = jnp.where(step < 0, 0.5 * (low - x), jnp.minimum(0.5 * (high - x), 1e3))
-        inside = (x + step > low) & (x + step < high) & (slope > 0)
+        inside = (x + step >= low) & (x + step <= high) & (slope > 0)
         # At the root itself the bracket closes on x and no step stays strictly inside it.
         small = jnp.abs(step) <= tol * (1.0 + jnp.abs(x))
         step = jnp.where(inside | small, step, retreat)
@@ -80,6 +83,7 @@ def increasing_root(
         *_, done, steps = state
         return ~done & (steps < max_steps)
 
+    bounded = not (isinstance(least_slope, float) and least_slope == 0.0)
     high = jnp.full_like(lower, jnp.inf)
     start = (guess, lower, high, jnp.zeros_like(guess), jnp.array(False), jnp.array(0))
     x, _, _, value, done, steps = jax.lax.while_loop(unfinished, body, start)
@@ -93,8 +97,11 @@ def system_root(
     *,
     tol: float = 1e-9,
     max_steps: int = 60,
+    wanted: Bool[Array, ""] | None = None,
 ) -> Search:
     """A root of a few equations near `guess`, by Newton's method with limited, damped steps.
+
+    Where it is not `wanted`, nothing is computed, and the search has not converged.
 
     No component moves by more than its `largest_step` at once. A step after which the same
     Jacobian would ask for a longer correction than before is halved: P. Deuflhard's natural
@@ -128,7 +135,8 @@ def system_root(
 
     def unfinished(state):
         _, step, _, _, _, done, steps = state
-        return ~done & (steps < max_steps) & jnp.all(jnp.isfinite(step))
+        going = ~done & (steps < max_steps) & jnp.all(jnp.isfinite(step))
+        return going if wanted is None else going & wanted
 
     nothing, unit = jnp.zeros_like(guess), jnp.eye(len(guess))
     start = (guess, nothing, unit, jnp.array(jnp.inf), nothing, jnp.array(False), jnp.array(0))

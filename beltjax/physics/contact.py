@@ -21,6 +21,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from beltjax.numerics.rigid_bodies import Bodies, Coordinates, Placed, placed
 from beltjax.physics.elastica import Span, SpanData, separatrix, span_at, span_start
 
 Scalar = Float[Array, ""]
@@ -43,16 +44,19 @@ class ContactModel(NamedTuple):
     EI: Scalar
     EA: Scalar
     law: Scalar
-    x: Pulleys  # centers, the arm as drawn
+    x: Pulleys  # centers, as drawn
     y: Pulleys
     rho: Pulleys
     mu: Pulleys
     pull: Pulleys  # the driver balances the others
     driver: Pulleys  # 1 for the driver
     loaded: Pulleys  # 1 where there is torque, at rest or not
-    carried: Pulleys  # 1 for the tensioner's pulley
-    arm: Float[Array, "2"]  # from pivot to pulley, as drawn
-    k_r: Scalar
+    bodies: Bodies
+    housed: Pulleys  # 1 where the accessory is bolted to the body that carries its pulley
+    K: Float[Array, "coordinates coordinates"]  # stiffness of the springs
+    together: Float[Array, "coordinates coordinates"]  # bodies that float together
+    floating: Coordinates
+    first: Coordinates  # 1 for the first body of those that float together
     motion: Motion
 
 
@@ -61,7 +65,7 @@ class Unknown(NamedTuple):
 
     w: Pulleys
     level: Scalar  # log of the least C above what the pulleys' curvatures take
-    turn: Scalar  # of the arm from where it is drawn
+    q: Coordinates  # of the bodies, from where they are drawn
     scale: Scalar  # log of the factor on all torques
     shape: Float[Array, "n 2"]  # (z, phi) of each span, as `span_at` takes them
 
@@ -72,7 +76,7 @@ class Loop(NamedTuple):
     data: SpanData  # each leaf [n], as of `spans`
     spans: Span
     unmet: Float[Array, "n 2"]  # what the spans leave of their own equations
-    x: Pulleys  # centers, the arm turned
+    x: Pulleys  # centers, the bodies moved
     y: Pulleys
     C: Spans
     kap: Pulleys
@@ -85,7 +89,7 @@ class Loop(NamedTuple):
     V_ref: Scalar
     unstretched: Spans  # lengths of the spans
     on_pulleys: Pulleys  # unstretched lengths
-    moment: Scalar  # of the belt on the arm
+    push: Coordinates  # of the belt and of the accessories' reactions on the bodies
 
 
 def joined(unknown: Unknown, model: ContactModel) -> Loop:
@@ -103,16 +107,17 @@ def joined(unknown: Unknown, model: ContactModel) -> Loop:
     touching = jnp.maximum(unknown.w, jnp.where(mod.loaded > 0, unknown.w, 0.0))
     force_x = spans.F * (across * jnp.cos(spans.phi) - up * jnp.sin(spans.phi)) / d
     force_y = spans.F * (across * jnp.sin(spans.phi) + up * jnp.cos(spans.phi)) / d
-    arm_x, arm_y = _turned(mod.arm, unknown.turn)
+    there = _placed(unknown.q, model)
     pull_x, pull_y = force_x - _preceding(force_x), force_y - _preceding(force_y)
     J = spans.J + mod.law * (spans.L / (mod.EA + C) - spans.J)
-    x, y = _centers(unknown.turn, model)
+    reaction = mod.housed * mod.pull * mod.rho * jnp.exp(unknown.scale)
+    push = pull_x @ there.by_x + pull_y @ there.by_y
     return Loop(
         data=data,
         spans=spans,
         unmet=unmet,
-        x=x,
-        y=y,
+        x=there.x,
+        y=there.y,
         C=C,
         kap=kap,
         wrap=wrap,
@@ -124,7 +129,7 @@ def joined(unknown: Unknown, model: ContactModel) -> Loop:
         V_ref=V_ref,
         unstretched=(mod.EA - g) * J,
         on_pulleys=_on_pulleys(touching - slip, P_in, P_out, mod.law * bent, g, model),
-        moment=mod.carried @ (arm_x * pull_y - arm_y * pull_x),
+        push=push + mod.bodies.rotary * (reaction @ mod.bodies.carried),
     )
 
 
@@ -140,20 +145,14 @@ def _positive(P: Array) -> Array:
     return jnp.maximum(P, 1e-12)
 
 
-def _turned(arm, turn):
-    cos, sin = jnp.cos(turn), jnp.sin(turn)
-    return cos * arm[0] - sin * arm[1], sin * arm[0] + cos * arm[1]
-
-
-def _centers(turn, model: ContactModel):
-    arm_x, arm_y = _turned(model.arm, turn)
-    moved_x, moved_y = arm_x - model.arm[0], arm_y - model.arm[1]
-    return model.x + model.carried * moved_x, model.y + model.carried * moved_y
+def _placed(q: Coordinates, model: ContactModel) -> Placed:
+    return placed(model.bodies, model.x, model.y, model.bodies.carried, q)
 
 
 def _span_data(unknown: Unknown, kap: Pulleys, model: ContactModel):
     """What each span is asked for, with the components of its line of centers."""
-    x, y = _centers(unknown.turn, model)
+    there = _placed(unknown.q, model)
+    x, y = there.x, there.y
     across, up = _following(x) - x, _following(y) - y
     d = jnp.sqrt(across**2 + up**2)
     EI, EA = model.EI * jnp.ones_like(d), model.EA * jnp.ones_like(d)

@@ -1,7 +1,7 @@
 """The search for a belt in contact: at rest, running, or slipping under the largest torques.
 
-One square system in the letters of `physics.contact`: the level of C, the arm's turn, the factor
-on the torques, each pulley's wrap and two numbers for the shape of each span.
+One square system in the letters of `physics.contact`: the level of C, the bodies' coordinates, the
+factor on the torques, each pulley's wrap and two numbers for the shape of each span.
 """
 
 from typing import NamedTuple
@@ -10,18 +10,20 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from beltjax.numerics.derivative_rules import frozen_unless
+from beltjax.numerics.rigid_bodies import Bodies, Coordinates
 from beltjax.numerics.roots import followed_root, implicit_solution
-from beltjax.numerics.slopes import frozen_unless
 from beltjax.physics.contact import ContactModel, Loop, Motion, Unknown, joined, long_spans
 
 Scalar = Float[Array, ""]
 
 
 class Held(NamedTuple):
-    """What an installed belt and spring keep."""
+    """What installed belt and springs keep."""
 
     L0: Scalar  # unstretched length
-    wind_up: Scalar  # of the spring, with the arm as drawn
+    relaxed: Coordinates  # the springs push by this less K q
+    at: Coordinates  # where the bodies stand that are bolted or at a stop
 
 
 def at_rest(model: ContactModel) -> ContactModel:
@@ -34,10 +36,14 @@ def at_rest(model: ContactModel) -> ContactModel:
 class Task(NamedTuple):
     """Which equations of contact are to be met; data, so that one compiled search does for all."""
 
-    resting: Scalar  # 1: find the belt for `tension` and the arm as drawn; 0: the belt is `held`
+    resting: Scalar  # 1: find the springs for the bodies as drawn; 0: belt and springs are `held`
+    by_tension: Scalar  # 1: the belt has the `tension`; 0: the length
     maximum: Scalar  # 1: torques scaled until a first pulley slips fully; 0: torques as they are
     tension: Scalar  # mean over the spans of the tension at half the arc length
     held: Held
+    fixed: Coordinates  # 1 where a body stands at `held.at`
+    adjusted: Coordinates  # 1 where one is moved until the belt has its length, too
+    marks: Float[Array, "coordinates coordinates"]  # or until another stands at `held.at`
 
 
 class Solved(NamedTuple):
@@ -70,29 +76,32 @@ def solve(model: ContactModel, task: Task, start: Unknown, origin: Unknown) -> S
     # Where no root was found the last one on the way keeps all numbers finite, and shows what
     # stopped it.
     root, loop = implicit_solution(_met, frozen_unless(converged, args), found.root)
-    unknown = _unpacked(root)
+    unknown = _unpacked(root, model)
     resting = task.resting > 0
-    found_here = Held(_length(loop), loop.moment / model.k_r - unknown.turn)
-    held = jax.tree.map(lambda a, b: jnp.where(resting, a, b), found_here, task.held)
+    relaxed = jnp.where(resting, model.K @ unknown.q - loop.push, task.held.relaxed)
+    length = jnp.where(task.by_tension > 0, _length(loop), task.held.L0)
+    held = Held(length, relaxed, jnp.where(task.fixed > 0, unknown.q, task.held.at))
     residual = jnp.max(jnp.abs(found.residual))
     return Solved(unknown, loop, held, converged, residual, found.steps, load)
 
 
-def likely(C: Scalar, turn: Scalar, scale: Scalar, model: ContactModel) -> Unknown:
-    """A start for `solve`: C at the tensioner, or the mean over the spans; wraps of long spans.
+def likely(C: Scalar, q: Coordinates, scale: Scalar, model: ContactModel) -> Unknown:
+    """A start for `solve`: C at the tensioners, or the mean over the spans; wraps of long spans.
 
     Only a place to search from: without derivatives.
     """
-    C, turn, scale, model = jax.lax.stop_gradient((C, turn, scale, model))
+    C, q, scale, model = jax.lax.stop_gradient((C, q, scale, model))
     offsets = jnp.exp(scale) * jnp.cumsum(model.pull)
     taken = jnp.max(model.EI / model.rho**2 / 2)
-    # The arm holds the tension that it had at rest; locked centers the mean.
-    sprung = jnp.sum(model.carried) > 0
-    kept = jnp.where(sprung, model.carried @ offsets, jnp.mean(offsets))
+    # Tensioners hold the tension that they had at rest; locked centers the mean.
+    carried = jnp.sum(model.bodies.carries, axis=1)
+    count = jnp.sum(carried)
+    at_tensioners = carried @ offsets / jnp.maximum(count, 1.0)
+    kept = jnp.where(count > 0, at_tensioners, jnp.mean(offsets))
     spare = C - taken - (kept - jnp.min(offsets))
     level = jnp.log(jnp.maximum(spare, 0.05 * C))
     touching, unshaped = jnp.ones_like(model.rho), jnp.zeros((len(model.rho), 2))
-    unknown = Unknown(touching, level, turn, scale, unshaped)
+    unknown = Unknown(touching, level, q, scale, unshaped)
     wraps, shape = long_spans(unknown, model)
     return unknown._replace(w=jnp.maximum(wraps, -0.5), shape=shape)
 
@@ -102,45 +111,69 @@ def _largest(start: Unknown) -> Unknown:
     return Unknown(
         w=jnp.ones_like(start.w),
         level=jnp.array(1.0),
-        turn=jnp.array(0.1),
+        q=jnp.full_like(start.q, 0.1),
         scale=jnp.array(0.7),
         shape=jnp.broadcast_to(jnp.array([1.5, 0.5]), start.shape.shape),
     )
 
 
 def _packed(unknown: Unknown) -> Array:
-    head = jnp.stack([unknown.level, unknown.turn, unknown.scale])
-    return jnp.concatenate([head, unknown.w, unknown.shape.ravel()])
+    head = jnp.stack([unknown.level, unknown.scale])
+    return jnp.concatenate([head, unknown.q, unknown.w, unknown.shape.ravel()])
 
 
-def _unpacked(x: Array) -> Unknown:
-    n = len(x) // 3 - 1
-    return Unknown(x[3 : 3 + n], x[0], x[1], x[2], x[3 + n :].reshape(n, 2))
+def _unpacked(x: Array, model: ContactModel) -> Unknown:
+    k, n = len(model.floating), len(model.rho)
+    return Unknown(x[2 + k : 2 + k + n], x[0], x[2 : 2 + k], x[1], x[2 + k + n :].reshape(n, 2))
 
 
 def _met(x: Array, args: tuple[ContactModel, Task]) -> tuple[Array, Loop]:
     """What is left of the equations at x, and the belt there."""
-    loop = joined(_unpacked(x), args[0])
-    return _equations(_unpacked(x), loop, *args), loop
+    unknown = _unpacked(x, args[0])
+    loop = joined(unknown, args[0])
+    return _equations(unknown, loop, *args), loop
 
 
 def _equations(unknown: Unknown, loop: Loop, model: ContactModel, task: Task) -> Array:
-    """Tension or belt length, the arm, the torques, contacts and spans; of order one."""
+    """Tension or belt length, the bodies, the torques, contacts and spans; of order one."""
     size = jnp.mean(loop.C)
     length = (_length(loop) / task.held.L0 - 1) * model.EA / size
     # At rest T = P; whichever the law, nothing else is bent there.
     tension = jnp.mean(loop.spans.P_mid) / task.tension - 1
-    spring = model.k_r * (task.held.wind_up + unknown.turn)
-    moment = (loop.moment - spring) / (size * jnp.sqrt(jnp.sum(model.arm**2)))
     spare = jnp.min(jnp.where(model.loaded > 0, loop.wrap - loop.slip, jnp.inf))
     head = [
-        jnp.where(task.resting > 0, tension, length),
-        jnp.where(task.resting > 0, unknown.turn, moment),
+        jnp.where(task.by_tension > 0, tension, length),
         jnp.where(task.maximum > 0, spare, unknown.scale),
     ]
     # Zero where w is the wrap, or where the wrap is zero and w what is left of the curvature.
     contacts = loop.wrap - loop.touching
-    return jnp.concatenate([jnp.stack(head), contacts, loop.unmet.ravel()])
+    bodies = _bodies(unknown.q, loop, length, model, task)
+    return jnp.concatenate([jnp.stack(head), bodies, contacts, loop.unmet.ravel()])
+
+
+def _bodies(q: Coordinates, loop: Loop, length: Scalar, model: ContactModel, task: Task) -> Array:
+    """What decides where each body stands.
+
+    Installed by a tension, sprung bodies stand as drawn, and floating ones where the belt leaves no
+    push on them together. A bolted one stands where it is, or is moved to fit belt or mark.
+    """
+    of = model.bodies
+    arm = jnp.sqrt(jnp.maximum(jnp.max(of.carried * _distances(of, model), axis=0), 1e-12))
+    lever = jnp.where(of.rotary > 0, arm, 1.0)
+    size = jnp.mean(loop.C) * lever
+    balance = (loop.push + task.held.relaxed - model.K @ q) / size
+    apart = q - model.floating * (model.together.T @ (model.first * q))
+    drawn = jnp.where(model.first > 0, model.together @ loop.push / size, apart)
+    stands = q + task.marks @ q - task.held.at
+    found = jnp.where(task.resting > 0, drawn, balance)
+    return jnp.where(task.adjusted > 0, length, jnp.where(task.fixed > 0, stands, found))
+
+
+def _distances(of: Bodies, model: ContactModel) -> Float[Array, "pulleys coordinates"]:
+    """Squares of the distances of the drawn pulleys from the drawn pivots."""
+    across = model.x[:, None] - of.pivots[:, 0]
+    up = model.y[:, None] - of.pivots[:, 1]
+    return across**2 + up**2
 
 
 def _length(loop: Loop) -> Scalar:

@@ -20,9 +20,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from beltjax.numerics.derivative_rules import with_own_slopes
 from beltjax.numerics.elliptic import carlson, jacobi_dn_sd
 from beltjax.numerics.roots import implicit_solution, system_root
-from beltjax.numerics.slopes import with_own_slopes
 
 Scalar = Float[Array, ""]
 Pair = Float[Array, "2"]

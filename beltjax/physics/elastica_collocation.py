@@ -24,7 +24,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from beltjax.numerics.bvp import solve_bvp
+from beltjax.numerics.bvp.solve import solve_bvp
 from beltjax.physics.steady_collocation import layer_mesh
 from beltjax.results import RESULTS
 

@@ -9,7 +9,7 @@ forces it is its stretch, acting on w*'', which is a sum of two exponentials:
     w = sum of the four waves of `waves` + gamma delta (alpha A e^{-kx} + beta A' e^{-k(1-x)})
 
 for a motion w e^{i omega t} whose elongation has the amplitude delta. With the spans solved, the
-amplitudes delta of the spans, theta of the pulleys and thetat of the arm obey D(omega) z = 0 with
+amplitudes delta of the spans, theta of the rotors and q of the bodies obey D(omega) z = 0 with
 D Hermitian. D has poles at the frequencies of the spans held at their ends; D's determinant
 times the spans' own characteristic functions has none, and vanishes at each frequency of the
 drive. The negative pivots of D and the held spans' frequencies count the frequencies below omega
@@ -22,7 +22,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float, Int
 
-from beltjax.physics.vibration import VibrationModel, turning_strains
+from beltjax.physics.vibration import VibrationModel
 from beltjax.physics.waves import wave_numbers
 
 Scalar = Float[Array, ""]
@@ -66,7 +66,7 @@ class Characteristic(NamedTuple):
 
 def _span_waves(m: VibrationModel, omega: Scalar) -> SpanWaves:
     B, c = _operator(m)
-    inertia = m.lam**2
+    inertia = m.mu * m.lam**2
     r1, r2, r3, r4 = wave_numbers(B, m.Q, c, inertia, omega)
     r = jnp.stack([r1 + 0j, r2 + 0j, r3, r4], axis=-1)
     k = jnp.sqrt(m.Q / B)
@@ -92,7 +92,7 @@ def _span_waves(m: VibrationModel, omega: Scalar) -> SpanWaves:
 
 def _operator(m: VibrationModel) -> tuple[Spans, Spans]:
     """B and c of the spans."""
-    return jnp.maximum((m.eps / m.lam) ** 2, _LEAST_STIFFNESS), -m.tau * m.s * m.lam
+    return jnp.maximum((m.eps / m.lam) ** 2, _LEAST_STIFFNESS), -m.tau * m.s * m.mu * m.lam
 
 
 def span_response(m: VibrationModel, omega: Scalar) -> SpanResponse:
@@ -100,13 +100,13 @@ def span_response(m: VibrationModel, omega: Scalar) -> SpanResponse:
     of = _span_waves(m, omega)
     _, c = _operator(m)
     E = jnp.exp(-of.k)
-    forced = m.gam * jnp.stack(
-        [of.A * of.alpha + of.A_end * of.beta * E, of.A * of.alpha * E + of.A_end * of.beta], -1
-    )  # the particular solution at both ends, and its second derivative over k^2
+    near, far = of.A * of.alpha, of.A_end * of.beta
+    # The particular solution at both ends, and its second derivative over k^2.
+    forced = m.gam[:, None] * jnp.stack([near + far * E, near * E + far], -1)
     amplitudes, determinant = _amplitudes(of, forced)
 
     # Transverse force Q w' - B w''' + i c omega w of each wave, by the dispersion relation.
-    inertia = (m.lam**2)[:, None]
+    inertia = (m.mu * m.lam**2)[:, None]
     force = 1j * (inertia * omega**2 / of.r - (c * omega)[:, None])
     slope = _steady_slopes(m, of)
     # int w*' w' = [w*' w] - int w*'' w
@@ -115,14 +115,14 @@ def span_response(m: VibrationModel, omega: Scalar) -> SpanResponse:
     by_waves = jnp.sum(of_waves[:, :, :, None] * amplitudes[:, None, :, :], axis=2)
     push, pull, moment = (by_waves[:, j] for j in range(3))
     on_delta = jnp.array([0.0, 0.0, 1.0])
-    extra = 1j * (c * omega)[:, None] * forced + m.gam * slope
+    extra = 1j * (c * omega)[:, None] * forced + m.gam[:, None] * slope
     push = push + extra[:, :1] * on_delta
     pull = pull + extra[:, 1:] * on_delta
     same = (of.A**2 * of.alpha + of.A_end**2 * of.beta) * -jnp.expm1(-2 * of.k) / (2 * of.k)
     cross = of.A * of.A_end * (of.alpha + of.beta) * E
     moment = moment + (m.gam * (same + cross))[:, None] * on_delta
     ends = jnp.stack([-slope[:, 0], slope[:, 1], jnp.zeros_like(of.k)], axis=-1)
-    stretch = m.gam * (ends - moment - on_delta)
+    stretch = m.gam[:, None] * (ends - moment - on_delta)
     held, below = _held_span(of, determinant)
     return SpanResponse(of, amplitudes, jnp.stack([-push, pull, stretch], axis=1), held, below)
 
@@ -218,39 +218,40 @@ def _held_span(of: SpanWaves, determinant: ComplexSpans) -> tuple[Spans, Int[Arr
 
 
 def dynamic_stiffness(
-    m: VibrationModel, kept: Int[Array, " kept"], arm: bool, omega: Scalar, of: SpanResponse
+    m: VibrationModel, kept: Int[Array, " kept"], omega: Scalar, of: SpanResponse
 ) -> tuple[Float[Array, " spans"], Complex[Array, "spans turns"], Complex[Array, "turns turns"]]:
-    """D(omega) in three blocks: delta with delta (diagonal), with the rotations, and theirs.
+    """D(omega) in three blocks: delta with delta (diagonal), with the rest, and the rest's.
 
-    The rotations are those of the pulleys `kept`, then that of the arm if there is one. delta is
-    measured in 1/sqrt(ka gamma), so that its block is near -1 but for its poles.
+    The rest are the rotations of the rotors `kept`, then the coordinates; of one that does not
+    move the row and column are those of the unit matrix. delta is measured in
+    1/sqrt(lam gamma), so that its block is near -1 but for its poles.
     """
-    scale = jnp.sqrt(m.ka * m.gam)
-    on_delta = (m.ka * of.forces[:, 2, 2]).real / scale**2
-    coupling = (scale[:, None] * turning_strains(m)[:, kept]).astype(complex)
-    own = jnp.diag(-(omega**2) * m.J[kept]).astype(complex)
-    if arm:
-        lift = jnp.stack([m.w_start, m.w_start + m.a], axis=-1)
-        to_arm = m.ka * jnp.sum(of.forces[:, 2, :2] * lift, axis=1) / scale
-        coupling = jnp.concatenate([coupling, (to_arm + scale * m.pull)[:, None]], axis=1)
-        lifted = jnp.sum(lift[:, :, None] * of.forces[:, :2, :2] * lift[:, None, :], axis=(1, 2))
-        spring = m.k_s - omega**2 * m.J_t + jnp.sum(m.ka * lifted).real
-        own = jnp.pad(own, (0, 1)).at[-1, -1].set(spring)
-    return on_delta, coupling, own
+    scale = jnp.sqrt(m.lam * m.gam)
+    on_delta = (m.lam * of.forces[:, 2, 2]).real / scale**2
+    by_turns = (scale[:, None] * m.turns[:, kept]).astype(complex)
+    rotors = (m.K_r - omega**2 * m.M_r)[kept][:, kept].astype(complex)
+    lift = jnp.stack([m.W0, m.W0 + m.a], axis=1)  # [spans, ends, coordinates]
+    to_bodies = jnp.sum(of.forces[:, 2, :2, None] * lift, axis=1)
+    to_bodies = (m.lam / scale)[:, None] * to_bodies + scale[:, None] * m.pull
+    lifted = of.forces[:, :2, :2, None, None] * lift[:, :, None, :, None] * lift[:, None, :, None]
+    lifted = jnp.sum(m.lam[:, None, None] * jnp.sum(lifted, axis=(1, 2)), axis=0)
+    springs = m.K - omega**2 * m.M + jnp.sum(m.Q[:, None, None] * m.H, axis=0)
+    bodies = m.movable[:, None] * m.movable * (springs + lifted) + jnp.diag(1.0 - m.movable)
+    coupling = jnp.concatenate([by_turns, to_bodies * m.movable], axis=1)
+    apart = jnp.zeros((len(kept), len(m.movable)))
+    return on_delta, coupling, jnp.block([[rotors, apart], [apart.T, bodies]])
 
 
-def characteristic(
-    m: VibrationModel, kept: Int[Array, " kept"], arm: bool, omega: Scalar
-) -> Characteristic:
+def characteristic(m: VibrationModel, kept: Int[Array, " kept"], omega: Scalar) -> Characteristic:
     """Characteristic function of the drive at `omega` > 0, and how many frequencies lie below."""
     of = span_response(m, omega)
-    on_delta, coupling, own = dynamic_stiffness(m, kept, arm, omega, of)
+    on_delta, coupling, own = dynamic_stiffness(m, kept, omega, of)
     pivots = _not_zero(on_delta, -_TINY)
     products = jnp.conj(coupling)[:, :, None] * coupling[:, None, :]
     rest = own - jnp.sum(products / pivots[:, None, None], axis=0)
     later = _pivots(rest)
     value = jnp.prod(pivots) * jnp.prod(later) * jnp.prod(of.held)
-    # Each span's delta is a multiplier: one negative pivot a span counts nothing.
+    # Each span's delta is a multiplier: one negative pivot per span counts nothing.
     negative = jnp.sum(pivots < 0) + jnp.sum(later < 0) - len(m.lam)
     return Characteristic(value, negative + jnp.sum(of.below))
 
@@ -272,15 +273,19 @@ def _pivots(matrix: Complex[Array, "n n"]) -> Float[Array, " n"]:
 
 
 def spans_in_motion(
-    m: VibrationModel, found: SpanResponse, delta: Array, thetat: Array, x: Float[Array, " points"]
+    m: VibrationModel,
+    found: SpanResponse,
+    delta: Array,
+    q: Complex[Array, " coordinates"],
+    x: Float[Array, " points"],
 ) -> Complex[Array, "spans points"]:
-    """Deflections w of the spans at x for elongations `delta` and the arm's rotation `thetat`.
+    """Deflections w of the spans at x for elongations `delta` and the bodies' coordinates `q`.
 
     `delta` is in the measure of `dynamic_stiffness`.
     """
     of = found.waves
-    delta = delta / jnp.sqrt(m.ka * m.gam)
-    given = jnp.stack([m.w_start * thetat, (m.w_start + m.a) * thetat, delta], axis=-1)
+    delta = delta / jnp.sqrt(m.lam * m.gam)
+    given = jnp.stack([m.W0 @ q, (m.W0 + m.a) @ q, delta], axis=-1)
     amplitudes = jnp.einsum("sjc,sc->sj", found.amplitudes, given)
     r, k = of.r[:, :, None], of.k[:, None]
     # The fourth wave is written from x = 1.

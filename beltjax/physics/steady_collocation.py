@@ -2,16 +2,17 @@
 
 The standard form (3.48)-(3.55) for n pulleys. Each span, on its own unit interval, has
 
-    w' = v,   v' = m,   e m' = mu,   e mu' = Q m,   I' = v^2/2,     e = eps/lam, Q = P - s^2 + T
-    m(0) = kap_s,   m(1) = kap_e,   w(1) - w(0) = a th
+    w' = v,   v' = m,   e m' = mu,   e mu' = Q m,   I' = v^2/2,     e = eps/lam, Q = P - c2 + T
+    m(0) = kap_s,   m(1) = kap_e,   w(1) - w(0) = a.q
 
 (mu is w''' scaled by e, so that no state grows in the ends' layers), and the spans meet only in
-T and th, by the belt's length (3.41) and the arm's moments (3.43). For given T all of it is
+T and q, by the belts' lengths (3.41) and the bodies' balance (3.43). For given T all of it is
 linear but I, and triangular: (m, mu) is a two-point problem, and v, w and I follow by the same
 Gauss formula as quadratures. The collocation equations are those of the whole system; this is
 their elimination, span by span, so that the cost is linear in the number of spans.
 
-No closed form enters: that is what makes it a check on `physics.steady`.
+The closed form gives where the search begins and whether there is a state, and no number: that is
+what makes it a check on `physics.steady`.
 """
 
 from typing import NamedTuple
@@ -20,13 +21,26 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from beltjax.numerics.bvp_blocks import identity, inverse, matvec, mix
-from beltjax.numerics.bvp_chain import Links, carry_back, carry_forward, merge_links
-from beltjax.numerics.bvp_gauss import Gauss
-from beltjax.numerics.roots import implicit_root, increasing_root
-from beltjax.physics.steady import SteadyModel, SteadySolution, effectiveness, without_load
+from beltjax.numerics.bvp.chain import Links, carry_back, carry_forward, merge_links
+from beltjax.numerics.bvp.gauss import Gauss
+from beltjax.numerics.roots import implicit_root, system_root
+from beltjax.numerics.small_matrices import identity, inverse, matvec, mix
+from beltjax.physics.steady import (
+    Belts,
+    Coordinates,
+    Settled,
+    SteadyModel,
+    SteadySolution,
+    bent,
+    box_minimum,
+    exact,
+    line,
+    spread,
+    stiffness,
+    sums,
+    without_load,
+)
 
-Scalar = Float[Array, ""]
 Spans = Float[Array, " spans"]
 Mesh = Float[Array, "spans N+1"]
 
@@ -35,9 +49,9 @@ _MESH_STEPS = 8  # of Newton's method for the nodes, which need not be exact
 
 
 class Shapes(NamedTuple):
-    """Spans of an arm that has not moved, at the nodes and at the stages.
+    """Spans of bodies that have not moved, at the nodes and at the stages.
 
-    A moved arm adds a th to v.
+    Moved bodies add a.q to v.
     """
 
     m: Float[Array, "spans N+1"]
@@ -157,35 +171,29 @@ def _chained(transfer: Float[Array, "2 2 spans N"], kap_s: Spans, kap_e: Spans):
     return y.reshape(2, spans, N + 1)
 
 
-def arm_rotation(model: SteadyModel, T: Scalar, Q: Spans, found: Shapes) -> Scalar:
-    """Rotation th from the arm's moment balance (3.43), linear in th."""
-    mod = model
-    pull = mod.lam / mod.rho * mod.a  # cos(beta_in), -cos(beta_out)
-    # -Q w' + e^2 w''' is the same at both ends, also after collocation, which keeps linear
-    # invariants.
-    force = -Q * found.v[:, 0] + mod.eps / mod.lam * found.mu[:, 0]
-    load = (T - mod.s**2) * mod.D + jnp.sum(pull * force)
-    return load / (mod.k_s + jnp.sum(pull * mod.a * Q))
-
-
 class Joined(NamedTuple):
-    """All spans under one T, and what they leave of the equation that joins them."""
+    """All spans under given tensions, and what they leave of the equations that join them."""
 
-    residual: Scalar  # (3.41)
-    th: Scalar
+    residual: Belts  # (3.41) of each belt
+    settled: Settled
     coupling: Spans  # Gamma_i
 
 
-def joined(T: Scalar, model: SteadyModel, mesh: Mesh, scheme: Gauss) -> Joined:
-    """The spans and the arm for a given T."""
-    Q = model.P - model.s**2 + T
-    found = shapes(model, Q, mesh, scheme)
-    th = arm_rotation(model, T, Q, found)
-    slopes = found.v_stages + (model.a * th)[:, None]
-    taken = 0.5 * jnp.sum(found.h * mix(scheme.weights, slopes**2), axis=1)
-    residual = jnp.sum(model.lam * (T / model.gam - taken)) + model.rho * model.D * th
+def joined(T: Belts, model: SteadyModel, mesh: Mesh, scheme: Gauss) -> Joined:
+    """The spans and the bodies for given tensions."""
+    m, of_span = model, spread(T, model)
+    Q = m.P - m.c2 + of_span
+    found = shapes(m, Q, mesh, scheme)
+    # The transverse force is the same at both ends, also after collocation, which keeps linear
+    # invariants.
+    force = m.lam * (-Q * found.v[:, 0] + m.eps / m.lam * found.mu[:, 0])
+    load = jnp.sum((m.c2 - of_span)[:, None] * m.S + force[:, None] * m.a, axis=0) - m.rho
+    at = box_minimum(stiffness(Q, m), load, m.movable, m.lo, m.hi)
+    slopes = found.v_stages + (m.a @ at.q)[:, None]
+    taken = 0.5 * m.lam * jnp.sum(found.h * mix(scheme.weights, slopes**2), axis=1)
+    residual = m.give * T - sums(m.S @ at.q + bent(m.H, at.q) + taken, m)
     bending = jnp.sum(found.h * mix(scheme.weights, found.m_stages**2), axis=1)
-    return Joined(residual, th, bending)
+    return Joined(residual, at, bending)
 
 
 def collocated(
@@ -198,38 +206,41 @@ def collocated(
     that is above `tol` (1 + T) is `unresolved`.
     """
     # A string has no layers, and no equation of fourth order: it needs the closed form's limit.
-    stiff = model.eps > 0
+    stiff = jnp.all(model.eps > 0)
     model = without_load(_stiffened(model), ~stiff)
     fixed = jax.lax.stop_gradient(model)
-    lowest = jnp.max(fixed.s**2 - fixed.P)
+    closed = exact(fixed)  # where the search for the root of these equations begins
+    lowest = jnp.max(fixed.c2 - fixed.P - spread(closed.T, fixed))
     # A span close to Q = 0 still has a shape, but no mesh of these needs it closer.
-    floor = lowest + 1e-9 * (1.0 + jnp.abs(lowest))
-    guess = jnp.maximum(effectiveness(fixed) * fixed.s**2, floor + 0.05)
-    mesh = mesh_for(fixed, fixed.P - fixed.s**2 + guess, intervals, scheme.stages)
+    tight = closed.converged & ~closed.slack & (lowest < -1e-9)
+    safe = without_load(model, ~tight)
+    fixed = jax.lax.stop_gradient(safe)
+    guess = jnp.where(tight, closed.T, 0.0)
+    mesh = mesh_for(fixed, fixed.P - fixed.c2 + spread(guess, fixed), intervals, scheme.stages)
 
     def residual(T, model):
-        return joined(T, model, mesh, scheme).residual
+        return joined(T, model, mesh, scheme).residual / model.give
 
-    search = increasing_root(lambda T: residual(T, fixed), floor, guess, tol=1e-7)
-    slack = (
-        search.converged
-        & (search.residual > 1e-6)
-        & (search.root <= floor + 1e-6 * (1 + jnp.abs(floor)))
-    )
-    good = search.converged & ~slack
-    safe = without_load(model, ~good)
+    largest = 0.1 + jnp.abs(guess)
+    search = system_root(lambda T: residual(T, fixed), guess, largest, tol=1e-9)
+    good = search.converged & tight & jnp.all(jnp.isfinite(search.root))
+    safe = without_load(safe, ~good)
     T = implicit_root(residual, safe, jnp.where(good, search.root, 0.0))
     found = joined(T, safe, mesh, scheme)
     left = joined(*jax.lax.stop_gradient((T, safe)), mesh, finer).residual
+    left = jnp.max(jnp.abs(left))
     return SteadySolution(
         T=T,
-        th=found.th,
-        Q=safe.P - safe.s**2 + T,
-        slack=slack,
-        converged=search.converged,
-        residual=jnp.abs(left),
+        q=found.settled.q,
+        Q=safe.P - safe.c2 + spread(T, safe),
+        held=found.settled.held,
+        reaction=found.settled.reaction,
+        slack=closed.slack | (closed.converged & ~tight),
+        unstable=closed.unstable,
+        converged=closed.converged & (search.converged | ~tight),
+        residual=left,
         steps=search.steps,
-        unresolved=~stiff | ~(jnp.abs(left) <= tol * (1.0 + jnp.abs(T))),
+        unresolved=~stiff | ~(left <= tol * (1.0 + jnp.max(jnp.abs(T)))),
         coupling=found.coupling,
     )
 
@@ -239,7 +250,7 @@ def _stiffened(model: SteadyModel) -> SteadyModel:
 
 
 def deflection(
-    model: SteadyModel, th: Scalar, Q: Spans, i, x: Array, scheme: Gauss, intervals: int
+    model: SteadyModel, q: Coordinates, Q: Spans, i, x: Array, scheme: Gauss, intervals: int
 ):
     """w_i at x in [0, 1]: the collocation polynomial of w, whose slopes are the stages' v."""
     model = _stiffened(model)
@@ -253,4 +264,4 @@ def deflection(
     powers = t[..., None] ** degree
     slopes = found.v_stages[:, i][:, at]  # [s, ...]
     rise = h[at] * jnp.einsum("jm,...m,j...->...", weights, powers, slopes)
-    return (model.w_start[i] + model.a[i] * x) * th + found.w[i][at] + rise
+    return line(model, q, i, x) + found.w[i][at] + rise

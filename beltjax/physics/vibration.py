@@ -1,14 +1,14 @@
-"""Vibration of a whole drive about its steady state, dimensionless (chapter 4).
+"""Vibration of a whole drive about its steady state, dimensionless (chapter 4), for any bodies.
 
     w      deflection of a span over its length, positive inwards; * marks the steady state
-    theta  rotation of each pulley in the direction of belt travel;  thetat  of the arm
+    theta  rotation of each rotor in the direction of belt travel;  q  the bodies' coordinates
     e      strain a span gains: [u(l) - u(0)]/l + 1/2 int w_x^2
-    ka     l_i/r_t, weight of a span's energy      lam, rho, gam, k_s, s, eps   as in chapter 3
-    phi    lift of a span by the arm: (w_start + a x) thetat
+    lam, gam, s, eps   as in chapter 3;  mu  mass per length over that of the first belt
+    phi    lift of a span by the bodies: (W0 + a x).q
     tau    +1 where the belt runs along x, -1 where against it (the source)
 
-Energies are over P0 r_t, times over l sqrt(m/P0). A span's functions are y = w - phi thetat,
-zero at both ends, in a basis; its end moments are natural.
+Energies are over P0 l, times over l sqrt(m/P0). A span's functions are y = w - phi, zero at both
+ends, in a basis; its end moments are natural. docs/theory/vibration.md and docs/theory/bodies.md.
 """
 
 from typing import NamedTuple
@@ -22,36 +22,38 @@ from beltjax.numerics.gyroscopic import Forms
 
 Scalar = Float[Array, ""]
 Spans = Float[Array, " spans"]
-Pulleys = Float[Array, " pulleys"]
+Rotors = Float[Array, " rotors"]
+Coordinates = Float[Array, " coordinates"]
+
+# Stiffness of a coordinate that does not move, beside unit mass: far above every mode looked for.
+_BOLTED = 1e8
 
 
 class VibrationModel(NamedTuple):
     """The numbers of one drive in one steady state."""
 
-    eps: Scalar  # of the spans' bending operator
-    s: Scalar
-    tau: Scalar
-    gam: Scalar
-    k_s: Scalar
+    eps: Spans  # of the spans' bending operator
+    s: Spans
+    tau: Spans
+    gam: Spans
+    mu: Spans
     lam: Spans
-    rho: Scalar  # r_t/l
-    Q: Spans  # effective tension P - s^2 + T
+    Q: Spans  # effective tension P - m c^2 + T
     kap_s: Spans  # w*'' at the spans' ends
     kap_e: Spans
     u: Spans  # thickness of the end layers of w*, and its square's inverse (`span.layer_width`)
     z: Spans
     drop: Spans  # w*(1) - w*(0)
-    a: Spans  # lift at x = 1 less that at 0, per radian of the arm
-    w_start: Spans  # lift at x = 0
-    pull: Spans  # strain of each span per radian of the arm, on the path of the contact points
-    r: Pulleys  # r_i/l
-    J: Pulleys  # mhat_i r_i/r_t
-    J_t: Scalar  # mhat_t
-
-    @property
-    def ka(self) -> Spans:
-        """l_i/r_t."""
-        return self.lam / self.rho
+    a: Float[Array, "spans coordinates"]  # lift at x = 1 less that at 0, by the coordinates
+    W0: Float[Array, "spans coordinates"]  # lift at x = 0
+    pull: Float[Array, "spans coordinates"]  # strain by the coordinates, at the steady state
+    H: Float[Array, "spans coordinates coordinates"]
+    K: Float[Array, "coordinates coordinates"]  # springs of the bodies
+    M: Float[Array, "coordinates coordinates"]  # their inertia
+    movable: Coordinates  # 0 where locked or held by a stop
+    turns: Float[Array, "spans rotors"]  # strain of each span per radian of each rotor
+    K_r: Float[Array, "rotors rotors"]  # torsion springs
+    M_r: Float[Array, "rotors rotors"]  # inertia, that of the belt's own motion included
 
 
 class Motion(NamedTuple):
@@ -60,16 +62,22 @@ class Motion(NamedTuple):
     w: Float[Array, "spans points"]
     w_x: Float[Array, "spans points"]
     w_xx: Float[Array, "spans points"]
-    theta: Pulleys
-    thetat: Scalar
+    theta: Rotors
+    q: Coordinates
 
 
 class Matrices(NamedTuple):
-    """M z'' + G z' + K z = 0 for z = (y of span 1, .., y of span n, theta .., thetat)."""
+    """M z'' + G z' + K z = 0 for z = (y of span 1, .., y of span n, theta .., q ..)."""
 
     mass: Float[Array, "size size"]
     gyroscopic: Float[Array, "size size"]
     stiffness: Float[Array, "size size"]
+
+
+def geometric_stiffness(m: VibrationModel) -> Float[Array, "coordinates coordinates"]:
+    """By which the belt's tension holds the bodies, springs left out."""
+    turned = m.lam[:, None, None] * m.a[:, :, None] * m.a[:, None, :]
+    return jnp.sum(m.Q[:, None, None] * (turned + m.H), axis=0)
 
 
 def energy(
@@ -87,16 +95,18 @@ def energy(
     def over_span(f):
         return jnp.sum(weights * f, axis=-1)
 
-    ends = (jnp.roll(m.r * moved.theta, -1) - m.r * moved.theta) / m.lam
-    strain = m.tau * ends + m.pull * moved.thetat
+    strain = m.turns @ moved.theta + m.pull @ moved.q
     strain = strain + over_span(slopes * moved.w_x + moved.w_x**2 / 2)
-    # gamma e* + P - s^2 = Q: the tension that works on what is of second order in the strain.
+    # gamma e* + P - m c^2 = Q: the tension that works on what is of second order in the strain.
     stretch = m.gam * strain**2 / 2 + m.Q * over_span(moved.w_x**2) / 2
     bend = (m.eps / m.lam) ** 2 * over_span(moved.w_xx**2) / 2
-    potential = jnp.sum(m.ka * (stretch + bend)) + m.k_s * moved.thetat**2 / 2
-    coriolis = m.tau * m.s * jnp.sum(m.lam * m.ka * over_span(rate.w * moved.w_x))
-    kinetic = jnp.sum(m.lam**2 * m.ka * over_span(rate.w**2)) + jnp.sum(m.J * rate.theta**2)
-    return (kinetic + m.J_t * rate.thetat**2) / 2 + coriolis - potential
+    curved = jnp.sum(m.Q[:, None, None] * m.H, axis=0)
+    springs = moved.q @ (m.K + curved) @ moved.q + moved.theta @ m.K_r @ moved.theta
+    potential = jnp.sum(m.lam * (stretch + bend)) + springs / 2
+    coriolis = jnp.sum(m.tau * m.s * m.mu * m.lam**2 * over_span(rate.w * moved.w_x))
+    kinetic = jnp.sum(m.mu * m.lam**3 * over_span(rate.w**2))
+    kinetic = kinetic + rate.q @ m.M @ rate.q + rate.theta @ m.M_r @ rate.theta
+    return kinetic / 2 + coriolis - potential
 
 
 def assembled(
@@ -104,41 +114,53 @@ def assembled(
     basis: AbstractBasis,
     d: Float[Array, "spans size"],
     kept: Int[Array, " kept"],
-    arm: bool,
 ) -> Matrices:
-    """M, G and K from each span's own matrices, its lift by the arm, and its stretch.
+    """M, G and K from each span's own matrices, its lift by the bodies, and its stretch.
 
-    Rotations are those of the pulleys `kept`, then that of the arm if there is one. All that
-    couples the belt to the pulleys is one rank-one term a span: ka gamma d d^T, with d the
-    gradient of the span's elongation (`elongations`).
+    Rotations are those of the rotors `kept`, then come the coordinates. All that couples the
+    belt to the rotors is one rank-one term per span: lam gamma d d^T, with d the gradient of the
+    span's elongation (`elongations`).
     """
     m, of = model, basis.products()
-    weight = m.lam**2 * m.ka
-    drag = m.tau * m.s * m.lam * m.ka
+    weight, drag = m.mu * m.lam**3, m.tau * m.s * m.mu * m.lam**2
+    kept_of, count = len(kept), len(m.movable)
 
-    def whole(local, lifting, of_arm, of_pulleys, sign=1.0) -> Float[Array, "size size"]:
-        """Spans' matrices and rotations on the diagonal, the arm's column beside the spans."""
+    def whole(local, lifting, of_bodies, of_rotors, sign=1.0) -> Float[Array, "size size"]:
+        """Spans' matrices and rotations on the diagonal, the bodies' columns beside the spans."""
         # Masked and joined, not scattered into place: in reverse, a frequency's slopes would
         # gather every entry one by one.
         spans, n, _ = local.shape
         belt = (jnp.eye(spans)[:, None, :, None] * local[:, :, None, :]).reshape(spans * n, -1)
-        rigid = jnp.append(of_pulleys, of_arm) if arm else of_pulleys
-        beside = jnp.zeros((spans * n, len(kept)))
-        if arm:
-            beside = jnp.concatenate([beside, lifting.reshape(-1, 1)], axis=1)
-        return jnp.block([[belt, beside], [sign * beside.T, jnp.diag(rigid)]])
+        beside = jnp.concatenate(
+            [jnp.zeros((spans * n, kept_of)), lifting.reshape(spans * n, count)], axis=1
+        )
+        apart = jnp.zeros((kept_of, count))
+        rigid = jnp.block([[of_rotors, apart], [apart.T, of_bodies]])
+        return jnp.block([[belt, beside], [sign * beside.T, rigid]])
 
     lift, lift2 = lift_products(m, of)
-    still = jnp.zeros(len(kept))
-    inertia = m.J_t + jnp.sum(weight * lift2)
-    mass = whole(weight[:, None, None] * of.value, weight[:, None] * lift, inertia, m.J[kept])
-    dragged = 2 * (drag * m.a)[:, None] * of.mean
-    gyroscopic = whole(2 * drag[:, None, None] * of.skew, dragged, 0.0, still, sign=-1.0)
+    moving = m.movable[:, None] * m.movable
+    bolted = jnp.diag(1.0 - m.movable)
+    lift = lift * m.movable
+    still, none = jnp.zeros((kept_of, kept_of)), jnp.zeros_like(lift)
+    inertia = moving * (m.M + jnp.sum(weight[:, None, None] * lift2, axis=0)) + bolted
+    mass = whole(
+        weight[:, None, None] * of.value,
+        weight[:, None, None] * lift,
+        inertia,
+        m.M_r[kept][:, kept],
+    )
+    dragged = 2 * drag[:, None, None] * of.mean[:, None] * (m.a * m.movable)[:, None, :]
+    crossed = m.W0[:, :, None] * m.a[:, None, :]
+    crossed = jnp.sum(drag[:, None, None] * (crossed - jnp.swapaxes(crossed, 1, 2)), axis=0)
+    gyroscopic = whole(
+        2 * drag[:, None, None] * of.skew, dragged, moving * crossed, still, sign=-1.0
+    )
     own = m.Q[:, None, None] * jnp.eye(basis.size)
     own = own + ((m.eps / m.lam) ** 2)[:, None, None] * of.curvature
-    spring = m.k_s + jnp.sum(m.ka * m.Q * m.a**2)
-    stiffness = whole(m.ka[:, None, None] * own, jnp.zeros_like(lift), spring, still)
-    return Matrices(mass, gyroscopic, stiffness + d.T @ ((m.ka * m.gam)[:, None] * d))
+    spring = moving * (m.K + geometric_stiffness(m)) + _BOLTED * bolted
+    stiffness = whole(m.lam[:, None, None] * own, none, spring, m.K_r[kept][:, kept])
+    return Matrices(mass, gyroscopic, stiffness + d.T @ ((m.lam * m.gam)[:, None] * d))
 
 
 def forms_of_spans(
@@ -157,43 +179,55 @@ def forms_of_spans(
     spans, n = len(m.lam), basis.size
 
     def parts(z):
-        field, turning = z[:, : spans * n].reshape(-1, spans, n), z[:, spans * n :]
-        return field, turning[:, : len(kept)], jnp.sum(turning[:, len(kept) :], axis=1)
+        field, rest = z[:, : spans * n].reshape(-1, spans, n), z[:, spans * n :]
+        return field, rest[:, : len(kept)], rest[:, len(kept) :] * m.movable
 
     (y, y_turn, y_arm), (v, v_turn, v_arm) = parts(jnp.conj(left)), parts(right)
-    of_arm = y_arm * v_arm
+    # What each span feels of the bodies: lift at its start, and slope.
+    y_start, v_start = y_arm @ m.W0.T, v_arm @ m.W0.T
+    y_slope, v_slope = y_arm @ m.a.T, v_arm @ m.a.T
 
     def within(products) -> Complex[Array, "count spans"]:
-        """Of two fields in the same span."""
+        """Form of two fields in the same span."""
         return jnp.sum(y * (v @ products.T), axis=-1)
 
-    lift, lift2 = lift_products(m, of)
-    weight, drag = m.lam**2 * m.ka, 2 * m.tau * m.s * m.lam * m.ka
-    lifted = (
-        jnp.sum(lift * y, axis=-1) * v_arm[:, None] + jnp.sum(lift * v, axis=-1) * y_arm[:, None]
-    )
-    mass = (within(of.value) + lifted + lift2 * of_arm[:, None]) @ weight
-    mass = mass + (y_turn * v_turn) @ m.J[kept] + m.J_t * of_arm
-    dragged = (y @ of.mean) * v_arm[:, None] - (v @ of.mean) * y_arm[:, None]
+    def between(matrix, first, second) -> Complex[Array, " count"]:
+        """Form of rotations, or of coordinates."""
+        return jnp.sum((first @ matrix) * second, axis=-1)
+
+    y_mean, y_first, v_mean, v_first = y @ of.mean, y @ of.first, v @ of.mean, v @ of.first
+    lifted = y_mean * v_start + y_first * v_slope + v_mean * y_start + v_first * y_slope
+    squares = y_start * v_start + (y_start * v_slope + y_slope * v_start) / 2
+    squares = squares + y_slope * v_slope / 3
+    mass = (within(of.value) + lifted + squares) @ (m.mu * m.lam**3)
+    mass = mass + between(m.M_r[kept][:, kept], y_turn, v_turn) + between(m.M, y_arm, v_arm)
+    dragged = 2 * (within(of.skew) + y_mean * v_slope - v_mean * y_slope)
+    dragged = dragged + y_start * v_slope - y_slope * v_start
     bent = (m.eps / m.lam) ** 2 * within(of.curvature)
-    held = m.Q * (jnp.sum(y * v, axis=-1) + m.a**2 * of_arm[:, None])
+    held = m.Q * (jnp.sum(y * v, axis=-1) + y_slope * v_slope)
     stretched = m.gam * (jnp.conj(left) @ d.T) * (right @ d.T)
+    springs = m.K + jnp.sum(m.Q[:, None, None] * m.H, axis=0)
+    stiffness = (held + bent + stretched) @ m.lam + between(springs, y_arm, v_arm)
     return Forms(
         mass=mass,
-        damping=(within(of.skew) + m.a * dragged) @ drag,
-        stiffness=(held + bent + stretched) @ m.ka + m.k_s * of_arm,
+        damping=dragged @ (m.tau * m.s * m.mu * m.lam**2),
+        stiffness=stiffness + between(m.K_r[kept][:, kept], y_turn, v_turn),
     )
 
 
-def lift_products(model: VibrationModel, of: Products) -> tuple[Float[Array, "spans n"], Spans]:
-    """<phi, psi> and <phi, phi> of each span, per radian of the arm."""
+def lift_products(
+    model: VibrationModel, of: Products
+) -> tuple[Float[Array, "spans n coordinates"], Float[Array, "spans coordinates coordinates"]]:
+    """<phi, psi> and <phi, phi> of each span, by the coordinates."""
     m = model
-    with_functions = m.w_start[:, None] * of.mean + m.a[:, None] * of.first
-    return with_functions, m.w_start**2 + m.w_start * m.a + m.a**2 / 3
+    with_functions = m.W0[:, None, :] * of.mean[:, None] + m.a[:, None, :] * of.first[:, None]
+    mixed = m.W0[:, :, None] * m.a[:, None, :]
+    squares = m.W0[:, :, None] * m.W0[:, None, :] + (mixed + jnp.swapaxes(mixed, 1, 2)) / 2
+    return with_functions, squares + m.a[:, :, None] * m.a[:, None, :] / 3
 
 
 def elongations(
-    model: VibrationModel, basis: AbstractBasis, kept: Int[Array, " kept"], arm: bool
+    model: VibrationModel, basis: AbstractBasis, kept: Int[Array, " kept"]
 ) -> Float[Array, "spans size"]:
     """Gradient d_i of each span's elongation, in the coordinates of `assembled`."""
     m = model
@@ -201,14 +235,5 @@ def elongations(
     starts, ends = jax.vmap(basis.layer_moments)(m.u, m.z)
     wavy = -(m.kap_s[:, None] * starts + m.kap_e[:, None] * ends)  # - int w*'' y
     fields = (jnp.eye(spans)[:, :, None] * wavy).reshape(spans, spans * n)
-    parts = [fields, turning_strains(m)[:, kept]]
-    if arm:
-        parts.append((m.pull + m.a * m.drop)[:, None])
-    return jnp.concatenate(parts, axis=1)
-
-
-def turning_strains(model: VibrationModel) -> Float[Array, "spans pulleys"]:
-    """Strain of each span per radian of each pulley: its two ends move with their rims."""
-    m = model
-    ends = jnp.roll(jnp.eye(len(m.r)), -1, axis=0) - jnp.eye(len(m.r))
-    return m.tau * ends * m.r / m.lam[:, None]
+    by_bodies = (m.pull + m.a * m.drop[:, None]) * m.movable
+    return jnp.concatenate([fields, m.turns[:, kept], by_bodies], axis=1)

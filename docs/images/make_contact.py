@@ -9,8 +9,8 @@ import jax.numpy as jnp
 jax.config.update("jax_enable_x64", True)
 
 import beltjax as bj  # noqa: E402
-from beltjax.report.contact_figures import contact_figure, two_models_figure  # noqa: E402
-from beltjax.report.figures import picture_bytes  # noqa: E402
+from beltjax.draw.contact import contact_figure, two_models_figure  # noqa: E402
+from beltjax.draw.layouts import picture_bytes  # noqa: E402
 
 HERE = Path(__file__).parent
 EXAMPLES = HERE.parents[1] / "examples"

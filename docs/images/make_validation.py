@@ -1,6 +1,6 @@
 """Bring docs/validation.md up to date: python docs/images/make_validation.py DIR.
 
-DIR is what `python -m beltjax.report.validation --out DIR` wrote.
+DIR is what `python -m beltjax.validation --out DIR` wrote.
 """
 
 import csv
@@ -8,7 +8,7 @@ import shutil
 import sys
 from pathlib import Path
 
-from beltjax.report.validation.verdicts import FIGURE, Line, markdown_text, summary
+from beltjax.validation.verdicts import FIGURE, Line, markdown_text, summary
 
 HERE = Path(__file__).parent
 PAGE = HERE.parent / "validation.md"

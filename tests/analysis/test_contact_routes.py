@@ -1,6 +1,5 @@
 """Second routes to a belt in contact: SciPy's, another installation rule, another listing."""
 
-import contact_peer as peer
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -19,6 +18,7 @@ from contact_drives import (
 from drives import example
 
 import beltjax as bj
+from beltjax.validation.peers import contact as peer
 
 TIGHT = (1e-6, 1e-9)  # the peer's tolerances: it is then good to a few 1e-10
 slow = pytest.mark.slow

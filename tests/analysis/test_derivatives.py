@@ -8,7 +8,7 @@ import pytest
 from drives import example, flat_numbers, held_by_belt, three_ways
 
 import beltjax as bj
-from beltjax.numerics.compilation import quickly_compiled
+from beltjax.compiling.quick import quickly_compiled
 
 
 def answers(drive, point):

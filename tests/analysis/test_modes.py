@@ -22,7 +22,7 @@ from vibration import (
 
 import beltjax as bj
 from beltjax.physics.exact_vibration import characteristic, span_response
-from beltjax.report.validation.printed import vibration as printed
+from beltjax.validation.printed import vibration as printed
 
 DRIVES = ["three_pulley", "four_pulley", "seven_pulley"]
 # Figs. 4.2-4.4, string at rest: what the captions misprint, by sine, Legendre and the exact route

@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 
 import beltjax as bj
 from beltjax.analysis.steady import steady_model
-from beltjax.numerics.compilation import quickly_compiled
+from beltjax.compiling.quick import quickly_compiled
 from beltjax.physics.steady import belt_length_residual
 
 COUNT = 167  # drives of each number of pulleys: 1002 in all

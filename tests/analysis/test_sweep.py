@@ -9,7 +9,7 @@ from drives import example
 
 import beltjax as bj
 from beltjax.analysis.tracking import Shapes, agreement, aligned, linked
-from beltjax.numerics.compilation import quickly_compiled
+from beltjax.compiling.quick import quickly_compiled
 from beltjax.results import explanation
 
 BASIS = bj.Legendre(12)

@@ -10,8 +10,8 @@ from drives import EXAMPLES
 
 import beltjax as bj
 from beltjax.drive import files
-from beltjax.drive.units import si_of_text, to_si
-from beltjax.reading import read_json, read_toml
+from beltjax.files.reading import read_json, read_toml
+from beltjax.files.units import si_of_text, to_si
 
 load_study = bj.optimize.load_study
 TEXTS = {path.name: path.read_text() for path in sorted(EXAMPLES.glob("*.toml"))}

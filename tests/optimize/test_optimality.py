@@ -6,7 +6,7 @@ from nonlinear_problems import HS71_OPTIMUM, HS71_VALUE, hs71, local
 
 import beltjax as bj
 
-SOLVERS, solve = bj.optimize.solvers.SOLVERS, bj.optimize.solvers.solve
+SOLVERS, solve = bj.optimize.search.outside.SOLVERS, bj.optimize.search.outside.solve
 conditions, conflicts = bj.optimize.optimality, bj.optimize.conflicts
 
 

@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from closed_belt import BeltData, integrated_span
-from span_peer import bent_span
 
 from beltjax.physics.elastica import LONG, SpanData, elastica
+from beltjax.validation.peers.span import bent_span
 
 EA = 1e4
 SIGNS = [(1, 1), (1, -1), (-1, 1), (-1, -1)]

@@ -4,11 +4,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from span_peer import bent_span
 
 import beltjax as bj
 from beltjax.physics.elastica import SpanData, elastica
 from beltjax.physics.elastica_collocation import span_by_collocation, tangent_contact
+from beltjax.validation.peers.span import bent_span
 
 STEP = 1e-4  # relative, of a difference
 SIGNS = [(1, 1), (1, -1), (-1, 1), (-1, -1)]

@@ -12,7 +12,7 @@ from beltjax.physics import moving_beam as beam
 from beltjax.physics import moving_beam_expansion as expansion
 from beltjax.physics import moving_beam_shapes as shapes
 from beltjax.physics.waves import wave_numbers
-from beltjax.report.validation.printed.beam import TABLE_2_1
+from beltjax.validation.printed.beam import TABLE_2_1
 
 PAIRS = [("simple", "simple"), ("fixed", "simple"), ("fixed", "fixed")]
 pairs = pytest.mark.parametrize("ends", PAIRS, ids="-".join)

@@ -16,9 +16,9 @@ from published import (
     model_of,
     prototype,
 )
-from standard_form import solve_standard_form
 
 from beltjax.physics import steady
+from beltjax.validation.peers.standard_form import solve_standard_form
 
 exact, string, linear = (jax.jit(f) for f in (steady.exact, steady.string, steady.linear))
 coupling = jax.jit(steady.coupling)

@@ -1,0 +1,158 @@
+"""What an installation holds: the belts' lengths and where the springs are relaxed."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from beltjax.drive.bodies import bodies, springs
+from beltjax.drive.installation import AdjustedToMark, AdjustedToTension, BeltGiven, TensionGiven
+from beltjax.drive.layout import Layout, Loops, Path, belt_path, outline
+from beltjax.drive.system import Drive
+from beltjax.numerics.definite import definite_solve
+from beltjax.numerics.roots import implicit_root, system_root
+
+LARGEST_MOVE = 0.2  # of a body, in one Newton step [rad], or in mean span lengths
+
+
+class Held(NamedTuple):
+    """The belts, and the springs as forces on the bodies: `stiffness` @ q - `relaxed`."""
+
+    lengths: Float[Array, " belts"]  # L0 [m]
+    free: Float[Array, " springs"]  # where each spring is relaxed, from the drawn positions
+    stiffness: Float[Array, "coordinates coordinates"]
+    relaxed: Float[Array, " coordinates"]
+
+
+class Installed(NamedTuple):
+    """Where the bodies stand without torques, under given tensions."""
+
+    coordinates: Float[Array, " coordinates"]
+    tensions: Float[Array, " belts"]  # [N]
+    held: Held
+    converged: Bool[Array, ""]
+
+
+def belt_pull(at: Layout | Path, tensions: Float[Array, " spans"]) -> Float[Array, " coordinates"]:
+    """By which the belts resist the bodies: sum of P_i S_i [N m] or [N]."""
+    return jnp.sum(tensions[:, None] * at.span_pulls, axis=0)
+
+
+def unstretched(
+    EA: Float[Array, " belts"], at: Layout | Path, tensions: Float[Array, " spans"], loops: Loops
+) -> Float[Array, " belts"]:
+    """Unstretched length of the belts on this path at these tensions (R3).
+
+    On a pulley's arc the tension is the mean of the adjacent spans', an assumption of (R3).
+    """
+    of_span = loops.spread(EA)
+    arcs = (tensions + loops.preceding(tensions)) / 2
+    spans = at.span_lengths / (1 + tensions / of_span)
+    return loops.sums(spans + at.arc_lengths / (1 + arcs / of_span))
+
+
+def held(drive: Drive, lengths: Float[Array, " belts"], free: Float[Array, " springs"]) -> Held:
+    """Belts of these lengths and springs relaxed at these positions."""
+    of = springs(drive)
+    relaxed = jnp.sum((of.stiffness * free)[:, None] * of.rows, axis=0)
+    return Held(lengths, free, of.matrix, relaxed)
+
+
+def held_by_tensions(
+    drive: Drive, at: Layout | Path, tensions: Float[Array, " spans"], coordinates=None
+) -> Held:
+    """Belts and springs for which this layout is at rest with these tensions."""
+    loops = Loops(drive.loop_sizes)
+    EA = jnp.stack([belt.axial_stiffness for belt in drive.belts])
+    if coordinates is None:
+        coordinates = jnp.zeros(len(drive.tensioners))
+    free = _relaxed_by(drive, belt_pull(at, tensions), coordinates)
+    return held(drive, unstretched(EA, at, tensions, loops), free)
+
+
+def _relaxed_by(drive: Drive, pull, coordinates) -> Float[Array, " springs"]:
+    """Where springs are relaxed that hold the bodies against this pull of the belts.
+
+    Where there are more springs than the pull settles, those whose free position is given keep it.
+    """
+    of, rule, locked = springs(drive), drive.installation, bodies(drive).locked
+    if not len(locked):
+        return jnp.zeros(0)
+    given = getattr(rule, "free", None)
+    known = jnp.zeros(len(of.stiffness)) if given is None else jnp.where(jnp.isnan(given), 0, 1)
+    set_free = jnp.zeros_like(of.stiffness) if given is None else jnp.where(known > 0, given, 0.0)
+    fixed = jax.lax.stop_gradient
+    sought = fixed(jnp.where((of.stiffness > 0) & (known == 0), 1.0, 0.0))
+    rates = jnp.where(of.stiffness > 0, of.stiffness, 1.0)
+    stretch = jnp.sum(of.rows * coordinates, axis=1)
+    carried = known * of.stiffness * (stretch - set_free)
+    left = -pull - jnp.sum(carried[:, None] * of.rows, axis=0)
+    # Of bodies that float together one is taken for the ground: the belts balance on them.
+    square = jnp.einsum("s,sa,sb->ab", sought, of.rows, of.rows) + jnp.diag(of.first)
+    moves = definite_solve(square, left, 1.0 - locked).solution
+    force = sought * jnp.sum(of.rows * moves, axis=1)
+    return jnp.where(sought > 0, stretch - force / rates, set_free)
+
+
+def free_positions(
+    drive: Drive, drawn: Layout, rule: BeltGiven | AdjustedToMark
+) -> Float[Array, " springs"]:
+    """Where the springs are relaxed by the rule, from the drawn positions."""
+    angle = getattr(rule, "free_angle", None)
+    if angle is not None:
+        # As it stands, whole turns included: a soft spring is wound by more than half a turn.
+        return (angle - drawn.arm_angle)[None]
+    if rule.free is None:
+        return jnp.zeros(0)
+    return jnp.where(jnp.isnan(rule.free), 0.0, rule.free)
+
+
+def installed_by_tension(drive: Drive, drawn: Layout, loops: Loops) -> Installed:
+    """The torque-free state of given tensions, where floating and adjusted bodies find a place.
+
+    Sprung bodies stand as drawn. Those that no spring holds stand where the belts balance, and a
+    body that is adjusted where the belt of the given length has its tension.
+    """
+    rule = drive.installation
+    assert isinstance(rule, TensionGiven | AdjustedToTension)
+    tensions = jnp.broadcast_to(rule.tension, (len(loops.sizes),))
+    of_span, count = loops.spread(tensions), len(drive.tensioners)
+    still, sure = jnp.zeros(count), jnp.array(True)
+    if not count:
+        return Installed(still, tensions, held_by_tensions(drive, drawn, of_span), sure)
+    of, found = outline(drive), springs(drive)
+    length = jax.lax.stop_gradient(jnp.mean(drawn.span_lengths))
+    units = jax.lax.stop_gradient(jnp.where(of.bodies.rotary > 0, 1.0, length))
+    EA = jnp.stack([belt.axial_stiffness for belt in drive.belts])
+    adjusted, wanted = still, jnp.zeros(len(loops.sizes))
+    if isinstance(rule, AdjustedToTension):
+        adjusted = jax.lax.stop_gradient(rule.adjusted)
+        wanted = jnp.broadcast_to(rule.belt_length, wanted.shape)
+    # The belts that the adjusted body moves.
+    moved = jnp.minimum(loops.sums(of.bodies.carried @ adjusted), 1.0)
+
+    def residual(unknown, args):
+        of, EA, wanted, of_span = args
+        at = unknown * units
+        path = belt_path(of, loops, at)
+        pull = belt_pull(path, of_span) * units / (of_span[0] * length)
+        balance = found.together @ pull
+        first_of = found.together.T @ (found.first * unknown)
+        short = jnp.sum(moved * (unstretched(EA, path, of_span, loops) - wanted)) / length
+        rest = jnp.where(found.first > 0, balance, unknown - found.floating * first_of)
+        return jnp.where(adjusted > 0, short, rest)
+
+    args = of, EA, wanted, of_span
+    fixed = jax.lax.stop_gradient(args)
+    needed = jnp.any(found.floating + adjusted > 0)
+    search = system_root(
+        lambda x: residual(x, fixed), still, jnp.full(count, LARGEST_MOVE), wanted=needed
+    )
+    good = (search.converged & jnp.all(jnp.isfinite(search.root))) | ~needed
+    root = jnp.where(needed & good, search.root, 0.0)
+    # Where nothing floats the residual is not solved: it is held at the drawn position.
+    safe = jax.tree.map(lambda x: jnp.where(needed & good, x, jax.lax.stop_gradient(x)), args)
+    at = jnp.where(needed & good, implicit_root(residual, safe, root), 0.0) * units
+    path = belt_path(of, loops, at)
+    return Installed(at, tensions, held_by_tensions(drive, path, of_span, at), good)

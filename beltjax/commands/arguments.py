@@ -1,0 +1,86 @@
+"""What is asked on the command line: ranges of numbers, amplitudes, orders."""
+
+from collections.abc import Callable
+from typing import TypeVar
+
+import numpy as np
+from jaxtyping import Float
+
+from beltjax.files.errors import FileError
+from beltjax.files.units import si_of_text
+
+Value = TypeVar("Value")
+_MOST_POINTS = 100_000
+
+
+def asked(option: str, read: Callable[[], Value]) -> Value:
+    """What an option says; raises `FileError` that names it."""
+    try:
+        return read()
+    except ValueError as error:
+        raise FileError(option, "", str(error).rstrip(".")) from error
+
+
+def read_range(text: str, unit: str, fewest: int = 2) -> Float[np.ndarray, " points"]:
+    """Values [SI] of "0:60:121" or "600 rpm:6000 rpm:200": from, to, and how many.
+
+    Raises `ValueError` that says what was found and what to give.
+    """
+    parts = text.split(":")
+    if len(parts) != 3:
+        raise ValueError(f"found {text!r}; give FROM:TO:POINTS, such as 0:60:121")
+    lower, upper = _ends(text, parts[:2], unit)
+    count = parts[2].strip()
+    if not (count.isascii() and count.isdecimal() and len(count) < 20):
+        raise ValueError(f"found {parts[2]!r} points in {text!r}; give a whole number")
+    points = int(count)
+    if not fewest <= points <= _MOST_POINTS:
+        raise ValueError(f"found {points} points in {text!r}; give {fewest} to {_MOST_POINTS}")
+    return np.linspace(lower, upper, points)
+
+
+def read_interval(text: str, unit: str) -> tuple[float, float]:
+    """Ends [SI] of "0:60" or "600 rpm:6000 rpm"."""
+    parts = text.split(":")
+    if len(parts) != 2:
+        raise ValueError(f"found {text!r}; give FROM:TO, such as 0:60")
+    return _ends(text, parts, unit)
+
+
+def _ends(text: str, parts: list[str], unit: str) -> tuple[float, float]:
+    lower, upper = (si_of_text(part, unit) for part in parts)
+    if not lower < upper:
+        raise ValueError(f"found {text!r}; give a range that ends above where it begins")
+    return lower, upper
+
+
+def read_named(text: str, example: str) -> tuple[str, str]:
+    """The two sides of "NAME=REST"."""
+    name, equals, rest = text.partition("=")
+    if not equals or not name.strip() or not rest.strip():
+        raise ValueError(f"found {text!r}; give {example}")
+    return name.strip(), rest.strip()
+
+
+def read_amplitude(text: str, unit: str) -> float:
+    """An amplitude [SI], zero to peak; its sign would be a phase."""
+    amplitude = si_of_text(text, unit)
+    if amplitude < 0:
+        raise ValueError(f"found {text!r}; an amplitude is not negative")
+    return amplitude
+
+
+def read_size(text: str, unit: str) -> float:
+    """The size of a tolerance [SI]."""
+    size = si_of_text(text, unit)
+    if not size > 0:
+        raise ValueError(f"found {text!r}; a tolerance is positive")
+    return size
+
+
+def read_orders(text: str) -> tuple[float, ...]:
+    """Orders of excitation, "2,4"."""
+    orders = tuple(si_of_text(part, "") for part in text.split(","))
+    if not all(order > 0 for order in orders):
+        raise ValueError(f"found {text!r}; give positive orders, such as 2,4")
+    return orders

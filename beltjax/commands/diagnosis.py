@@ -1,0 +1,203 @@
+"""Why an analysis failed, in the words of the drive file: which key, what was found, what to do."""
+
+import dataclasses
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from beltjax.analysis.reference import LARGEST_STRAIN
+from beltjax.analysis.steady import SteadyState, steady_state
+from beltjax.compiling.quick import quickly_compiled
+from beltjax.drive.buildable import drawn_arm_angle, layout_fault
+from beltjax.drive.canonical import canonical
+from beltjax.drive.installation import BeltGiven
+from beltjax.drive.layout import layout
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
+from beltjax.results import RESULTS, explanation, succeeded
+
+_ROOM = 0.01  # of the path, by which a belt that resists bending may be longer and yet tight
+_SWEEP = 1.0  # the arm is looked at this far to either side of where it is drawn [rad]
+
+
+class Diagnosis(NamedTuple):
+    """A failure for people."""
+
+    key: str  # of the drive file
+    message: str
+    impossible: bool  # the file describes no drive at all, rather than one that does not run
+
+
+def diagnose(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagnosis | None:
+    """What to tell the user about a steady state that is no drive's; None if all is well.
+
+    The layout at rest is checked as the drawn one was: torques, or a belt that is given, may
+    have turned the arm into another pulley.
+    """
+    if succeeded(steady.result):
+        return _moved_layout_diagnosis(drive, steady)
+    turned = _turn_off(drive, point, steady.result)
+    if turned is not None:
+        return turned
+    found = _failure(drive, point, steady)
+    if not _one_of(steady.result, *_OF_TRAVEL):
+        return found
+    lead = travel_lead(drive, point)
+    return found if not lead else found._replace(message=f"{found.message}; {lead}")
+
+
+def _failure(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagnosis:
+    result = steady.result
+    if isinstance(drive.installation, BeltGiven) and _one_of(result, *_UNFIT):
+        return _belt_diagnosis(drive, drive.installation)
+    if result == RESULTS.span_slack:
+        return _slack_diagnosis(drive, point, steady)
+    if result == RESULTS.arm_at_stop:
+        angle = np.degrees(float(steady.reference.layout.arm_angle))
+        return Diagnosis(
+            "tensioner.stops",
+            f"the arm would stand at {angle:.1f} deg: {explanation(result).rstrip('.')}",
+            False,
+        )
+    if result == RESULTS.belt_overstretched:
+        return _strain_diagnosis(drive, point, steady)
+    loaded = any(float(torque) for torque in point.torque.values())
+    key = "operation.torque" if loaded else "installation"
+    return Diagnosis(key, explanation(result), False)
+
+
+_UNFIT = RESULTS.belt_too_long, RESULTS.belt_too_short, RESULTS.belt_does_not_fit
+
+
+# What a torque against the sense that is meant ends in.
+_OF_TRAVEL = RESULTS.span_slack, RESULTS.belt_does_not_fit, RESULTS.arm_at_stop
+
+
+def _turn_off(drive: Drive, point: OperatingPoint, result: RESULTS) -> Diagnosis | None:
+    """Says so where a free angle does not fit, and one that is a whole turn away does."""
+    rule = drive.installation
+    if not isinstance(rule, BeltGiven) or rule.free_angle is None:
+        return None
+    if not _one_of(result, *_UNFIT, RESULTS.arm_at_stop, RESULTS.span_slack):
+        return None
+    for turns in (-1, 1):
+        angle = rule.free_angle + 2 * np.pi * turns
+        other = eqx.tree_at(lambda d: d.installation.free_angle, drive, angle)
+        if _runs(other, point):
+            given, fits, drawn = np.degrees(
+                [float(rule.free_angle), float(angle), drawn_arm_angle(drive)]
+            )
+            return Diagnosis(
+                "installation.free_angle",
+                f"found {given:.6g} deg, which is read as it stands, from the drawn arm at "
+                f"{drawn:.6g} deg; {fits:.6g} deg, one turn away, fits: give that",
+                True,
+            )
+    return None
+
+
+def travel_lead(drive: Drive, point: OperatingPoint) -> str:
+    """Says so where the drive runs in the other sense of travel, and not in this one."""
+    if not any(float(torque) for torque in point.torque.values()):
+        return ""
+    against = dataclasses.replace(point, travel=-point.travel)
+    if _runs(drive, point) or not _runs(drive, against):
+        return ""
+    other = "opposite" if float(point.travel) > 0 else "listed"
+    return f"or is operation.travel = {other!r} meant? In that sense the drive runs"
+
+
+def _runs(drive: Drive, point: OperatingPoint) -> bool:
+    steady = quickly_compiled(_steady)(*canonical(drive, point))
+    return bool(succeeded(steady.result))
+
+
+def _steady(drive: Drive, point: OperatingPoint) -> SteadyState:
+    return steady_state(drive, point, throw=False)
+
+
+def _moved_layout_diagnosis(drive: Drive, steady: SteadyState) -> Diagnosis | None:
+    if drive.tensioner is None:
+        return None
+    turn = float(steady.reference.layout.arm_angle) - drawn_arm_angle(drive)
+    fault = layout_fault(drive, turn)
+    if fault is None:
+        return None
+    moved = f"with the arm turned by {np.degrees(turn):.1f} deg to where it rests, "
+    return Diagnosis(fault.key, moved + fault.message, False)
+
+
+def _one_of(result: RESULTS, *members: RESULTS) -> bool:
+    return any(bool(result == member) for member in members)
+
+
+def _belt_diagnosis(drive: Drive, rule: BeltGiven) -> Diagnosis:
+    turns = jnp.linspace(-_SWEEP, _SWEEP, 41) if drive.tensioner is not None else jnp.zeros(1)
+    paths = jax.vmap(lambda turn: layout(drive, turn, throw=False).path_length)(turns)
+    shortest, longest = float(jnp.min(paths)), float(jnp.max(paths))
+    found = float(rule.belt_length)
+    length, *path = _told_apart(found, shortest, *([longest] if len(turns) > 1 else []))
+    too = (
+        "too short"
+        if found < shortest
+        else "too long"
+        if found > longest
+        else "not held by free_angle"
+    )
+    remedy = "change belt_length or free_angle" if len(turns) > 1 else "change belt_length"
+    stiff = float(drive.belt.bending_stiffness) > 0
+    if stiff and longest < found < (1 + _ROOM) * longest:
+        remedy += "; that is for a string: `beltjax contact` tells whether a stiff belt is tight"
+    return Diagnosis(
+        "installation.belt_length",
+        f"found {length} m, {too}: the path takes {' to '.join(path)} m; {remedy}",
+        True,
+    )
+
+
+def _told_apart(*lengths: float) -> list[str]:
+    """Lengths [m] with so many decimals, four at least, that none looks like another."""
+    texts: list[str] = []
+    for decimals in range(4, 16):
+        texts = [f"{length:.{decimals}f}" for length in lengths]
+        if len(set(texts)) == len(set(lengths)):
+            break
+    return texts
+
+
+def _strain_diagnosis(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagnosis:
+    at_rest = float(np.max(np.asarray(steady.reference.tensions)) / drive.belt.axial_stiffness)
+    if at_rest > LARGEST_STRAIN:
+        message = f"stretches the belt by {at_rest:.3g} of its length at rest: lower it, or check "
+        return Diagnosis("installation.tension", message + "belt.axial_stiffness", False)
+    if float(steady.groups.bending) > 1.0:
+        message = "makes the belt stiffer than its tension: check its value and unit"
+        return Diagnosis("belt.bending_stiffness", message, False)
+    return Diagnosis(speed_key(point), explanation(steady.result), False)
+
+
+def _slack_diagnosis(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagnosis:
+    reference = steady.reference
+    if reference.result == RESULTS.span_slack:
+        tensions = np.asarray(reference.tensions)
+        i = int(np.argmin(tensions))
+        found = f"span {drive.span_names[i]} is slack at rest ({tensions[i]:.4g} N)"
+        if getattr(drive.installation, "span_tensions", None) is not None:
+            return Diagnosis("installation.span_tensions", f"{found}: give tensions above 0", False)
+        remedy = "raise installation.tension, or lower the torques"
+        return Diagnosis("operation.torque", f"{found} under these torques: {remedy}", False)
+    span = drive.span_names[int(np.argmin(np.asarray(reference.tensions)))]
+    return Diagnosis(
+        speed_key(point),
+        f"span {span} goes slack at a belt speed of {float(point.speed(drive)):.4g} m/s: lower the "
+        "speed or raise installation.tension",
+        False,
+    )
+
+
+def speed_key(point: OperatingPoint) -> str:
+    """The key of the speed that the file gives."""
+    return "operation.driver_speed" if point.belt_speed is None else "operation.belt_speed"

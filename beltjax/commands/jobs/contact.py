@@ -1,0 +1,232 @@
+"""What `beltjax contact` does, from a drive file to a report."""
+
+import os
+from typing import Any
+
+import jax
+import numpy as np
+from rich.console import Group
+from rich.markup import escape
+
+from beltjax.analysis.contact import ContactState, Law, asked, contact_solution, without_friction
+from beltjax.analysis.steady import SteadyState, steady_state
+from beltjax.commands.diagnosis import Diagnosis, speed_key, travel_lead
+from beltjax.commands.documents import plain
+from beltjax.commands.report import Report
+from beltjax.commands.tables import number, plain_table
+from beltjax.compiling.kept_programs import run_kept
+from beltjax.compiling.quick import quickly_compiled
+from beltjax.drive.canonical import canonical
+from beltjax.drive.files import load_drive
+from beltjax.drive.installation import BeltGiven
+from beltjax.drive.layout import layout
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
+from beltjax.files.errors import FileError
+from beltjax.results import RESULTS, explanation, succeeded
+
+
+def contact_job(
+    path: str | os.PathLike[str],
+    maximum: bool,
+    law: Law,
+    figure: str | None,
+    compare: str | None,
+) -> Report:
+    """The contact state of one drive file, under its torques or under the largest.
+
+    `figure` is a picture of it; `compare` one of its spans beside those of `steady_state`.
+
+    Raises `FileError` where the file leaves out what contact needs; a state that is not physical
+    is a report with a `failure`.
+    """
+    drive, point = load_drive(path)
+    bare = without_friction(drive, point, maximum)
+    if bare is not None:
+        message = "is missing; this pulley has torque, which friction holds"
+        raise FileError(path, f"pulley.{bare}.friction", message)
+    state = jax.device_get(
+        run_kept(contact_solution, *canonical(drive, point), *asked(law, maximum))
+    )
+    why = diagnose_contact(drive, point, state)
+    if why and why.impossible:
+        raise FileError(path, why.key, why.message)
+    document = contact_document(drive, state)
+    files = _pictures(drive, point, state, figure, compare) if document["pulleys"] else ()
+    failure = str(FileError(path, why.key, why.message)) if why else ""
+    return Report(document, contact_tables(document), failure, files)
+
+
+def _pictures(
+    drive: Drive,
+    point: OperatingPoint,
+    state: ContactState,
+    figure: str | None,
+    compare: str | None,
+) -> tuple[tuple[str, bytes], ...]:
+    from beltjax.draw.contact import contact_figure, two_models_figure  # slow to load
+    from beltjax.draw.layouts import picture_bytes
+
+    drawn = []
+    if figure:
+        drawn.append((figure, contact_figure(drive, state)))
+    if compare:
+        steady = quickly_compiled(_fixed_contacts)(*canonical(drive, point))
+        picture = two_models_figure(drive, [("", state, steady)])
+        drawn.append((compare, picture))
+    return tuple((name, picture_bytes(picture, name)) for name, picture in drawn)
+
+
+def _fixed_contacts(drive: Drive, point: OperatingPoint) -> SteadyState:
+    return steady_state(drive, point, throw=False)
+
+
+def contact_document(drive: Drive, state: ContactState) -> dict[str, Any]:
+    """A contact state with the fixed keys; its numbers are None where no state was found."""
+    found = bool(state.found)
+    two = len(drive.pulleys) == 2
+    moments = np.asarray(state.moments)
+    driven = float(np.abs(moments[int(np.argmin(drive.drives))]))
+    return {
+        "drive": drive.name,
+        "feasible": bool(state.feasible),
+        "pulleys": _pulleys(drive, state) if found else None,
+        "spans": _spans(drive, state) if found else None,
+        "unstretched_length": plain(state.unstretched_length) if found else None,
+        "efficiency": plain(state.efficiency) if found else None,
+        "driver_moment": plain(state.driver_moment) if found else None,
+        "driven_moment": driven if found and two else None,
+        "torque_factor": plain(state.torque_factor) if found else None,
+        "string_tension": _string_tension(drive, state) if found else None,
+        "arm_angle": plain(state.arm_angle) if found else None,
+        "free_angle": plain(state.free_angle) if found else None,
+        "unstretched_speed": plain(state.unstretched_speed) if found else None,
+        "mass_flow": plain(state.mass_flow) if found else None,
+        "message": "" if state.feasible else explanation(state.result),
+    }
+
+
+def _string_tension(drive: Drive, state: ContactState) -> float | None:
+    """Tension [N] that the belt would have as a string in the drawn layout, without torque.
+
+    None where the belt is given and an arm moves, so that the drawn layout is not the one at rest.
+    """
+    if isinstance(drive.installation, BeltGiven) and drive.tensioner is not None:
+        return None
+    path = float(layout(drive, throw=False).path_length)
+    return float(drive.belt.axial_stiffness) * (path / float(state.unstretched_length) - 1)
+
+
+def _pulleys(drive: Drive, state: ContactState) -> list[dict[str, Any]]:
+    columns = zip(
+        drive.pulley_names,
+        *(plain(np.degrees(x)) for x in (state.wraps, state.slips, state.adhesions)),
+        plain(state.moments),
+        plain(state.pulley_speeds),
+        plain(1 / (np.asarray(state.contact_curvatures) * np.asarray(drive.radii))),
+        strict=True,
+    )
+    keys = "name", "wrap_deg", "slip_deg", "adhesion_deg", "moment", "speed", "contact_radius"
+    return [dict(zip(keys, row, strict=True)) for row in columns]
+
+
+def _spans(drive: Drive, state: ContactState) -> list[dict[str, Any]]:
+    columns = zip(
+        drive.span_names,
+        plain(state.span_lengths),
+        plain(state.unstretched_span_lengths),
+        *(plain(state.tensions[:, k]) for k in range(3)),
+        *(plain(state.speeds[:, k]) for k in range(2)),
+        *(plain(np.degrees(state.angles[:, k])) for k in range(2)),
+        strict=True,
+    )
+    keys = (
+        "name",
+        "length",
+        "unstretched_length",
+        *(f"tension_{where}" for where in ("start", "mid", "end")),
+        *(f"speed_{where}" for where in ("start", "end")),
+        *(f"angle_{where}_deg" for where in ("start", "end")),
+    )
+    return [dict(zip(keys, row, strict=True)) for row in columns]
+
+
+def contact_tables(document: dict[str, Any]) -> Group:
+    """The tables of `beltjax contact`, from its JSON document."""
+    if document["pulleys"] is None:
+        return Group(escape(f"{document['drive']}: no state of contact"))
+    return Group(_pulley_table(document), _span_table(document), _summary(document))
+
+
+def _pulley_table(document: dict[str, Any]):
+    columns = "pulley", "wrap (deg)", "slip (deg)", "adhesion (deg)", "moment (N m)", "rpm"
+    table = plain_table(escape(document["drive"]), *columns)
+    for row in document["pulleys"]:
+        angles = (number(row[f"{key}_deg"], 2) for key in ("wrap", "slip", "adhesion"))
+        rpm = row["speed"] * 30 / np.pi
+        table.add_row(escape(row["name"]), *angles, number(row["moment"], 3), number(rpm, 1))
+    return table
+
+
+def _span_table(document: dict[str, Any]):
+    columns = "span", "length (mm)", "T start (N)", "T mid (N)", "T end (N)", "angles (deg)"
+    table = plain_table("", *columns)
+    for row in document["spans"]:
+        tensions = (number(row[f"tension_{where}"], 2) for where in ("start", "mid", "end"))
+        angles = f"{row['angle_start_deg']:.2f}, {row['angle_end_deg']:.2f}"
+        table.add_row(escape(row["name"]), number(1e3 * row["length"], 1), *tensions, angles)
+    return table
+
+
+def _summary(document: dict[str, Any]):
+    table = plain_table("", "quantity", "value", "unit")
+    rows = [
+        ("efficiency", document["efficiency"], 6, ""),
+        ("driver's moment", document["driver_moment"], 4, "N m"),
+        ("factor on the torques", document["torque_factor"], 4, ""),
+        ("belt length, unstretched", document["unstretched_length"], 6, "m"),
+        ("tension of that belt as a string", document["string_tension"], 2, "N"),
+        ("mass flow", document["mass_flow"], 4, "kg/s"),
+    ]
+    for label, value, digits, unit in rows:
+        table.add_row(label, number(value, digits), unit)
+    return table
+
+
+def diagnose_contact(drive: Drive, point: OperatingPoint, state: ContactState) -> Diagnosis | None:
+    """What to tell the user about a contact state that is not physical; None if all is well."""
+    result = state.result
+    if succeeded(result):
+        return None
+    key, found = _cause(drive, point, state)
+    message = found + explanation(result)
+    if any(result == one for one in _OF_TRAVEL):
+        lead = travel_lead(drive, point)
+        message += lead and f" ({lead})"
+    return Diagnosis(key, message, bool(result == RESULTS.no_torque_to_scale))
+
+
+# What a torque against the sense that is meant ends in.
+_OF_TRAVEL = RESULTS.contact_pressure_lost, RESULTS.contact_not_found, RESULTS.span_slack
+
+
+def _cause(drive: Drive, point: OperatingPoint, state: ContactState) -> tuple[str, str]:
+    """Key of the drive file, and which pulleys it concerns."""
+    result, loaded = state.result, np.asarray(state.moments) != 0
+    names = np.array(drive.pulley_names)
+    if result == RESULTS.gross_slip:
+        slipping = names[loaded & (np.asarray(state.adhesions) < 0)]
+        return "operation.torque", f"{', '.join(slipping)}: "
+    if result == RESULTS.wrap_vanished:
+        bare = names[loaded & (np.asarray(state.wraps) <= 0)]
+        return "belt.bending_stiffness", f"{', '.join(bare)}: "
+    if result == RESULTS.belt_too_stiff:
+        return "belt.bending_stiffness", f"pulley {names[int(np.argmin(drive.radii))]}: "
+    if result == RESULTS.arm_at_stop:
+        angle = state.arm_angle
+        assert angle is not None  # without an arm there is no stop
+        return "tensioner.stops", f"the arm would stand at {np.degrees(float(angle)):.1f} deg: "
+    if result == RESULTS.belt_overstretched:
+        return speed_key(point), ""
+    given = isinstance(drive.installation, BeltGiven)
+    return "installation.belt_length" if given else "operation.torque", ""

@@ -1,0 +1,229 @@
+"""What `beltjax explore` does: ranges from the command line, a store, and a summary of it."""
+
+import functools
+import importlib
+import time
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from datetime import timedelta
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from rich.console import Group
+from rich.markup import escape
+
+from beltjax.commands.arguments import asked, read_interval, read_named, read_range
+from beltjax.commands.documents import plain
+from beltjax.commands.report import Report
+from beltjax.commands.tables import plain_table
+from beltjax.commands.warnings import drive_warnings, warning_lines
+from beltjax.drive.files import load_drive
+from beltjax.drive.numbers import require_numbers, unit_of
+from beltjax.drive.system import Drive
+from beltjax.files.errors import FileError
+
+Advance = Callable[[str, int, int | None], None]
+_SLICE = 65_536  # designs of a store read at once
+
+
+class Exploring(NamedTuple):
+    """What `beltjax explore` was given, as text where it carries units."""
+
+    over: Sequence[str]
+    samples: int | None  # None: every combination of the points
+    seed: int
+    quantities: Sequence[str]
+    modes: int
+    batch: int | None
+    workers: int | None
+    scheduler: str | None
+    store: str
+
+
+def exploration_job(path: str, given: Exploring, advance: Advance) -> Report:
+    """Explore the designs of a drive file. Raises `FileError` for what cannot be asked."""
+    optimize = importlib.import_module("beltjax.optimize")
+    if given.workers is not None and given.scheduler:
+        raise FileError("--workers", "", "a scheduler has its own workers; leave out one of both")
+    drive, point = load_drive(path)
+    designs = _designs(drive, given)
+    began, told = time.monotonic(), _Pace(advance)
+    try:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always", optimize.DamageWarning)
+            data = optimize.explore(
+                drive,
+                point,
+                designs,
+                given.quantities,
+                given.store,
+                modes=given.modes,
+                batch=given.batch,
+                workers=given.workers,
+                scheduler=given.scheduler,
+                advance=told,
+            )
+    except FileError:
+        raise
+    except ValueError as error:
+        raise FileError("explore", "", str(error).rstrip(".")) from error
+    asked_of = [*given.quantities, *["frequency"] * bool(given.modes)]
+    try:
+        summary = _summary(data, designs.names, asked_of)
+    except (OSError, ValueError) as error:  # a checksum, or the file system
+        message = f"was damaged while it was read ({error}); repeat the command to mend it"
+        raise FileError(given.store, "", message) from error
+    document = {
+        "drive": drive.name,
+        "warnings": drive_warnings(drive, point),
+        "store": str(Path(given.store)),
+        "designs": designs.total,
+        "designs_before": told.before,
+        "repaired": [str(w.message) for w in caught if w.category is optimize.DamageWarning],
+        "seconds": time.monotonic() - began,
+        **summary,
+    }
+    document["success"] = any(row["result"] == "successful" for row in document["outcomes"])
+    failure = ""
+    if not document["success"]:
+        text = document["outcomes"][0]["text"]
+        failure = str(FileError(path, "", f"no design succeeded: {text}"))
+    return Report(document, Group(*warning_lines(document), _tables(document)), failure)
+
+
+class _Pace:
+    """Tells of the rate and of the time left, beside what is done."""
+
+    def __init__(self, advance: Advance):
+        self.before = 0  # designs that an earlier run has left
+        self._advance, self._began = advance, (0, 0.0)
+
+    def __call__(self, stage: str, done: int, total: int | None) -> None:
+        now = time.monotonic()
+        if stage == "compiling":
+            self.before = done
+        elif not self._began[1]:  # the first batch waits for the compiler
+            self._began = done, now
+        elif done > self._began[0] and total is not None:
+            rate = (done - self._began[0]) / (now - self._began[1])
+            left = timedelta(seconds=round((total - done) / rate))
+            stage = f"{stage}: {done:,} of {total:,}, {rate:,.0f} designs/s, {left} left"
+        self._advance(stage, done, total)
+
+
+def _designs(drive: Drive, given: Exploring) -> Any:
+    """The `Grid` or `Samples` that the options ask for."""
+    optimize = importlib.import_module("beltjax.optimize")
+    shape = "NAME=FROM:TO:POINTS" if given.samples is None else "NAME=FROM:TO"
+    pairs = [asked("--over", lambda text=text: read_named(text, shape)) for text in given.over]
+    asked("--over", lambda: require_numbers(drive, [name for name, _ in pairs]))
+    read = read_range if given.samples is None else read_interval
+    ranges = {}
+    for name, text in pairs:
+        reading = functools.partial(read, text, unit_of(drive, name))
+        ranges[name] = asked(f"--over {name}", reading)
+    if given.samples is None:
+        return asked("--over", lambda: optimize.Grid(ranges))
+    require_seed = importlib.import_module("beltjax.optimize.exploration.samples").require_seed
+    asked("--seed", lambda: require_seed(given.seed))
+    return asked("--samples", lambda: optimize.Samples(ranges, given.samples, given.seed))
+
+
+def _summary(data: Any, names: Sequence[str], quantities: Sequence[str]) -> dict[str, Any]:
+    """Extremes and means of each quantity, and how the designs ended; a slice at a time."""
+    rows = {label: _Extremes(unit) for _, label, unit, _ in _columns(data, 0, quantities)}
+    counts: dict[int, int] = {}
+    for start in range(0, data.sizes["design"], _SLICE):
+        for _, label, _, values in _columns(data, start, quantities):
+            rows[label].take(start, values)
+        found = np.unique(data.result[start : start + _SLICE].values, return_counts=True)
+        for code, count in zip(*(part.tolist() for part in found), strict=True):
+            counts[code] = counts.get(code, 0) + count
+
+    def numbers(at: int) -> dict[str, float]:
+        stored = importlib.import_module("beltjax.optimize.exploration.store")
+        return {name: float(data[stored.array_name(name)][at]) for name in names}
+
+    return {
+        "quantities": [
+            {"name": label, "unit": row.unit, **row.document(numbers)}
+            for label, row in rows.items()
+        ],
+        "outcomes": _outcomes(data.result.attrs, counts),
+    }
+
+
+def _columns(
+    data: Any, start: int, quantities: Sequence[str]
+) -> Iterator[tuple[str, str, str, np.ndarray]]:
+    """Array, label, unit and values [designs, parts] of a slice; one mode is one column."""
+    stored = importlib.import_module("beltjax.optimize.exploration.store")
+    for name in quantities:
+        array = data[stored.array_name(name)]
+        values = array[start : start + _SLICE].values
+        values, unit = values.reshape(len(values), -1), array.attrs["units"]
+        if name == "frequency":
+            for k, column in enumerate(values.T / (2 * np.pi)):
+                yield name, f"frequency {k + 1}", "Hz", column[:, None]
+        else:
+            yield name, name, "" if unit == "1" else unit, values
+
+
+class _Extremes:
+    """Least and greatest of a quantity, where they are, and its mean."""
+
+    def __init__(self, unit: str):
+        self.unit, self._found, self._sum = unit, 0, 0.0  # the sum is nan for quantities of parts
+        self._least, self._greatest = (np.inf, 0), (-np.inf, 0)
+
+    def take(self, start: int, values: np.ndarray) -> None:
+        """Look at the values [designs, parts] of designs from `start` on."""
+        found = np.flatnonzero(np.isfinite(values).all(axis=1))
+        if not len(found):
+            return
+        low, high = values[found].min(axis=1), values[found].max(axis=1)
+        self._found += len(found)
+        self._sum += float(low.sum()) if values.shape[1] == 1 else np.nan
+        self._least = min(self._least, (float(low.min()), start + int(found[low.argmin()])))
+        highest = float(high.max()), start + int(found[high.argmax()])
+        self._greatest = max(self._greatest, highest)
+
+    def document(self, numbers: Callable[[int], dict[str, float]]) -> dict[str, Any]:
+        if not self._found:
+            return {"found": 0, "least": None, "mean": None, "greatest": None}
+        ends = {"least": self._least, "greatest": self._greatest}
+        places = {
+            key: {"value": plain(value), "at": numbers(at)} for key, (value, at) in ends.items()
+        }
+        return {"found": self._found, **places, "mean": plain(self._sum / self._found)}
+
+
+def _outcomes(flags: dict[str, Any], counts: dict[int, int]) -> list[dict[str, Any]]:
+    """How many designs ended in which way, most of them first."""
+    meanings = zip(flags["flag_values"], flags["flag_meanings"].split(), strict=True)
+    texts = dict(zip(flags["flag_values"], flags["texts"], strict=True))
+    names = {value: name for value, name in meanings}
+    rows = [
+        {"result": names[code], "designs": count, "text": texts[code]}
+        for code, count in counts.items()
+    ]
+    return sorted(rows, key=lambda row: -row["designs"])
+
+
+def _tables(document: dict[str, Any]) -> Group:
+    title = f"{document['drive']}: {document['designs']:,} designs in {document['store']}"
+    table = plain_table(escape(title), "quantity", "least", "mean", "greatest", "unit", "found")
+    for row in document["quantities"]:
+        ends = [row[key] and row[key]["value"] for key in ("least", "greatest")]
+        values = [ends[0], row["mean"], ends[1]]
+        words = ["-" if value is None else f"{value:.5g}" for value in values]
+        table.add_row(escape(row["name"]), *words, row["unit"], f"{row['found']:,}")
+    ends = plain_table("", "result", "designs")
+    for row in document["outcomes"]:
+        ends.add_row(row["result"], f"{row['designs']:,}")
+    new = document["designs"] - document["designs_before"]
+    spent = f"{new:,} designs in {document['seconds']:.1f} s, compiling included"
+    if document["designs_before"]:
+        spent += f"; {document['designs_before']:,} were there before"
+    return Group(table, ends, spent, *map(escape, document["repaired"]))

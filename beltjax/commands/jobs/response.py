@@ -1,0 +1,211 @@
+"""What `beltjax response` does, from a drive file to a report."""
+
+import functools
+import os
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from rich.console import Group
+from rich.markup import escape
+
+from beltjax.analysis.damping import Damping
+from beltjax.analysis.response import Excitation, Response, speed_response
+from beltjax.analysis.sweep import CHUNK
+from beltjax.commands.arguments import asked, read_amplitude, read_named, read_range
+from beltjax.commands.documents import plain
+from beltjax.commands.jobs.vibrating import RPM, all_failed, vibrating
+from beltjax.commands.report import Report
+from beltjax.commands.tables import number, plain_table
+from beltjax.commands.warnings import response_warnings, warning_lines
+from beltjax.compiling.quick import in_chunks, quickly_compiled
+from beltjax.drive.canonical import canonical, canonical_name
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
+from beltjax.files.errors import FileError
+from beltjax.results import explanations
+
+Advance = Callable[[str, int, int | None], None]
+_MODAL_DAMPING = 0.02
+_ORDER = 2.0  # of a four-cylinder engine's firing
+
+
+class Forcing(NamedTuple):
+    """What `beltjax response` was given, as text; None: the file's, or the usual."""
+
+    crank: str | None
+    torques: Sequence[str]
+    order: float | None
+    speeds: str
+    modal_damping: float | None
+
+
+def response_job(
+    path: str | os.PathLike[str], given: Forcing, figure: str | None, advance: Advance
+) -> Report:
+    """Force the drive of a file over a range of speeds. Raises `FileError` as `sweep_job` does."""
+    drive, point = vibrating(path)
+    excitation = _excitation(path, drive, point, given)
+    order = _order(point, given)
+    if not 0 < order < np.inf:
+        raise FileError("--order", "", f"found {order:g}; give a positive order")
+    speeds = asked("--speeds", lambda: read_range(given.speeds, "rad/s"))
+    if not speeds[0] > 0:
+        raise FileError("--speeds", "", f"found {given.speeds!r}; begin above 0")
+    ratio = _MODAL_DAMPING if given.modal_damping is None else given.modal_damping
+    damping = asked("--modal-damping", lambda: Damping(modal=ratio))
+    found = _responses(drive, point, speeds, excitation, jnp.asarray(order), damping, advance)
+    document = response_document(drive, order, speeds, found)
+    files: tuple[tuple[str, bytes], ...] = ()
+    if figure:
+        from beltjax.draw.curves import response_figure  # slow to load
+        from beltjax.draw.layouts import picture_bytes
+
+        title = f"{drive.name}: response to order {order:g}"
+        rpm = np.array(document["driver_speed_rpm"])
+        slack = np.min(np.asarray(found.slack_factors), axis=1) < 1
+        picture = response_figure(title, rpm, response_curves(document), slack)
+        files = ((figure, picture_bytes(picture, figure)),)
+    failure = all_failed(path, "operation.driver_speed", explanations(found.result))
+    return Report(document, response_tables(document), failure, files)
+
+
+def _order(point: OperatingPoint, given: Forcing) -> float:
+    if given.order is not None:
+        return given.order
+    file = point.excitation
+    return _ORDER if file is None or file.order is None else float(file.order)
+
+
+def _excitation(path, drive: Drive, point: OperatingPoint, given: Forcing) -> Excitation:
+    """The command's crank motion and torques; the file's where the command names neither."""
+    file = point.excitation
+    if given.crank is not None or given.torques:
+        crank, torques = _commanded(drive, given)
+    elif file is not None:
+        crank, torques = file.crank, file.torque
+    else:
+        crank, torques = None, {}
+    crank = 0.0 if crank is None else crank
+    if not (float(crank) or any(map(float, torques.values()))):
+        message = "is not excited; give --crank, --torque NAME=AMPLITUDE or a table [excitation]"
+        raise FileError(path, "", message)
+    # A torque on every pulley, most of them zero, so that all excitations compile once.
+    return Excitation(crank, {name: torques.get(name, 0.0) for name in drive.pulley_names})
+
+
+def _commanded(drive: Drive, given: Forcing) -> tuple[float, dict[str, float]]:
+    """Amplitudes of the command's crank motion [rad] and torques [N m]."""
+    crank = asked("--crank", lambda: read_amplitude(given.crank or "0", "rad"))
+    torques = {}
+    for text in given.torques:
+        name, size = asked("--torque", lambda text=text: read_named(text, "NAME=AMPLITUDE"))
+        if name in torques:
+            raise FileError("--torque", "", f"names {name!r} twice; remove one of them")
+        torques[name] = asked("--torque", lambda size=size: read_amplitude(size, "N m"))
+    asked("--torque", lambda: Excitation(crank, torques).on(drive.pulley_names))
+    driver = drive.pulley_names[int(np.argmax(drive.drives))]
+    if driver in torques:
+        message = f"the motion of the driver {driver!r} is given; use --crank"
+        raise FileError("--torque", "", message)
+    return crank, torques
+
+
+def _responses(
+    drive, point, speeds: np.ndarray, excitation, order, damping, advance: Advance
+) -> Response:
+    """Chunk by chunk, so that progress shows."""
+    torques = excitation.on(drive.pulley_names)
+    named = {canonical_name(i): torque for i, torque in enumerate(torques)}
+    shaken = Excitation(excitation.crank, named)
+    numbers = canonical(drive, point)
+
+    def run(chunk):
+        return quickly_compiled(_response)(*numbers, jnp.asarray(chunk), shaken, order, damping)
+
+    return in_chunks(run, speeds, CHUNK, functools.partial(advance, "forcing"))
+
+
+def _response(drive, point, speeds, excitation, order, damping) -> Response:
+    return speed_response(
+        drive, point, speeds, excitation, order=order, damping=damping, throw=False
+    )
+
+
+def response_document(
+    drive: Drive, order: float, speeds: np.ndarray, found: Response
+) -> dict[str, Any]:
+    """Amplitudes (zero to peak) and phases over the driver's speed; null where it failed."""
+    failures = [text or None for text in explanations(found.result)]
+    good = np.array([text is None for text in failures])
+
+    def kept(table: Any) -> np.ndarray:
+        table = np.asarray(table)
+        return np.where(good.reshape(-1, *[1] * (table.ndim - 1)), table, np.nan)
+
+    def complex_of(table: Any) -> dict[str, Any]:
+        table = kept(table)
+        return {"amplitude": plain(np.abs(table)), "phase": plain(np.angle(table))}
+
+    arm = drive.tensioner is not None
+    return {
+        "drive": drive.name,
+        "success": bool(good.any()),
+        "warnings": response_warnings(drive, found),
+        "order": order,
+        "driver_speed_rpm": plain(speeds * RPM),
+        "hertz": plain(order * speeds / (2 * np.pi)),
+        "pulleys": list(drive.pulley_names),
+        "spans": list(drive.span_names),
+        "pulley_rotation": complex_of(found.rotations),
+        "arm_rotation": complex_of(found.arm_rotation) if arm else None,
+        "span_peak": {"amplitude": plain(kept(found.span_peaks))},
+        "tension": complex_of(found.tensions),
+        "hub_load": {"amplitude": plain(kept(found.hub_loads))},
+        "slack_factor": plain(np.min(kept(found.slack_factors)[good], axis=0, initial=np.inf)),
+        "failures": failures,
+    }
+
+
+def response_curves(document: dict[str, Any]) -> dict[str, dict[str, np.ndarray]]:
+    """Amplitude curves by what they measure and by part, in units for people."""
+    pulleys, spans = document["pulleys"], document["spans"]
+    kinds = {
+        "pulley rotation (deg)": ("pulley_rotation", pulleys, 180 / np.pi),
+        "arm rotation (deg)": ("arm_rotation", ["arm"], 180 / np.pi),
+        "span deflection (mm)": ("span_peak", spans, 1e3),
+        "tension fluctuation (N)": ("tension", spans, 1.0),
+        "hub load (N)": ("hub_load", pulleys, 1.0),
+    }
+    curves = {}
+    for kind, (key, names, factor) in kinds.items():
+        if document[key] is not None:
+            table = factor * np.array(document[key]["amplitude"], dtype=float)
+            columns = table.reshape(len(table), -1).T
+            curves[kind] = dict(zip(names, columns, strict=True))
+    return curves
+
+
+def response_tables(document: dict[str, Any]) -> Group:
+    """The largest amplitude of every part, and at which speed."""
+    table = plain_table(
+        escape(f"{document['drive']}: peaks of the response to order {document['order']:g}"),
+        "of",
+        "zero to peak",
+        "at (rpm)",
+        "at (Hz)",
+    )
+    for kind, curves in response_curves(document).items():
+        for name, curve in curves.items():
+            if np.isfinite(curve).any():
+                at = int(np.nanargmax(curve))
+                rpm, hertz = document["driver_speed_rpm"][at], document["hertz"][at]
+                row = f"{curve[at]:.4g}", number(rpm, 0), number(hertz, 1)
+                table.add_row(escape(f"{kind}, {name}"), *row)
+    lines = warning_lines(document)
+    failed = [text for text in document["failures"] if text]
+    if not failed:
+        return Group(*lines, table)
+    count = len(document["failures"])
+    return Group(*lines, table, f"{len(failed)} of {count} speeds failed; the first: {failed[0]}")

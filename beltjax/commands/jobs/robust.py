@@ -1,0 +1,126 @@
+"""What `beltjax robust` does: tolerances from the command line, and what they make of a drive."""
+
+import functools
+import importlib
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from rich.console import Group
+from rich.markup import escape
+
+from beltjax.commands.arguments import asked, read_named, read_size
+from beltjax.commands.report import Report
+from beltjax.commands.tables import plain_table
+from beltjax.commands.warnings import drive_warnings, warning_lines
+from beltjax.drive.files import load_drive
+from beltjax.drive.numbers import require_numbers, unit_of
+from beltjax.drive.system import Drive
+from beltjax.files.errors import FileError
+
+
+class Asked(NamedTuple):
+    """What `beltjax robust` was given, as text where it carries units."""
+
+    within: Sequence[str]
+    deviation: Sequence[str]
+    quantities: Sequence[str]
+    samples: int
+    seed: int
+    quantile: float
+    indices: bool
+
+
+def robust_job(path: str, given: Asked) -> Report:
+    """Scatter the drive of a file. Raises `FileError` for what cannot be asked."""
+    optimize = importlib.import_module("beltjax.optimize")
+    drive, point = load_drive(path)
+    kinds = _tolerances(drive, given)
+    options = {"samples": given.samples, "seed": given.seed, "quantile": given.quantile}
+    try:
+        found = optimize.robustness(drive, point, given.quantities, kinds, **options)
+        indices = None
+        if given.indices:
+            indices = optimize.sensitivity_indices(
+                drive, point, given.quantities, kinds, seed=given.seed
+            )
+    except ValueError as error:
+        raise FileError(path, "", str(error).rstrip(".")) from error
+    document = _document(drive, found, indices) | {"warnings": drive_warnings(drive, point)}
+    return Report(document, _tables(document), "")
+
+
+def _tolerances(drive: Drive, given: Asked) -> dict[str, Any]:
+    """`Uniform` for each --within and `Normal` for each --deviation, by the number's key."""
+    optimize = importlib.import_module("beltjax.optimize")
+    kinds = {}
+    for option, texts, kind in (
+        ("--within", given.within, optimize.Uniform),
+        ("--deviation", given.deviation, optimize.Normal),
+    ):
+        for text in texts:
+            name, size = asked(option, functools.partial(read_named, text, "NAME=SIZE"))
+            asked(option, functools.partial(require_numbers, drive, [*kinds, name]))
+            kinds[name] = kind(
+                asked(f"{option} {name}", functools.partial(read_size, size, unit_of(drive, name)))
+            )
+    if not kinds:
+        raise FileError("--within", "", "is missing; give at least one tolerance, NAME=SIZE")
+    return kinds
+
+
+def _document(drive: Drive, found: Any, indices: dict[str, Any] | None) -> dict[str, Any]:
+    quantities = []
+    for name, spread in found.spreads.items():
+        row = {"name": name} | spread._asdict()
+        if indices is not None:
+            values = zip(spread.shares, indices[name].first, indices[name].total, strict=True)
+            row["indices"] = {
+                number: {"first": float(first), "total": float(total)}
+                for number, first, total in values
+            }
+        quantities.append(row)
+    return {
+        "drive": drive.name,
+        "success": True,
+        "samples": found.samples,
+        "failed": found.failed,
+        "quantile": found.quantile,
+        "quantities": quantities,
+    }
+
+
+def _tables(document: dict[str, Any]) -> Group:
+    percent = 100 * document["quantile"]
+    table = plain_table(
+        escape(f"{document['drive']}: {document['samples']:,} drives within the tolerances"),
+        "quantity",
+        "nominal",
+        "mean",
+        "deviation",
+        "by slopes",
+        f"{100 - percent:g} %",
+        f"{percent:g} %",
+        "unit",
+    )
+    keys = "nominal", "mean", "deviation", "linear_deviation", "low", "high"
+    for row in document["quantities"]:
+        values = (f"{row[key]:.5g}" for key in keys)
+        table.add_row(escape(row["name"]), *values, row["unit"])
+    parts = [*warning_lines(document), table, _share_table(document)]
+    if document["failed"]:
+        parts.append(f"{document['failed']} of the drives do not run and are left out")
+    return Group(*parts)
+
+
+def _share_table(document: dict[str, Any]) -> Any:
+    """Which tolerance causes how much of each variance: by slopes or, if asked for, in all."""
+    rows = document["quantities"]
+    sampled = "indices" in rows[0]
+    title = "Share of the variance" + (", interactions included" if sampled else ", by slopes")
+    table = plain_table(title, "tolerance", *(row["name"] for row in rows))
+    for number in rows[0]["shares"]:
+        shares = [
+            row["indices"][number]["total"] if sampled else row["shares"][number] for row in rows
+        ]
+        table.add_row(escape(number), *(f"{share:.4f}" for share in shares))
+    return table

@@ -1,0 +1,144 @@
+"""What `beltjax sweep` does, from a drive file to a report."""
+
+import os
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from rich.console import Group
+from rich.markup import escape
+
+from beltjax.analysis.sweep import Sweep, require_count, sweep
+from beltjax.commands.arguments import asked, read_named, read_orders, read_range
+from beltjax.commands.documents import plain
+from beltjax.commands.jobs.vibrating import RPM, all_failed, vibrating
+from beltjax.commands.report import Report
+from beltjax.commands.tables import number, plain_table
+from beltjax.commands.warnings import sweep_warnings, warning_lines
+from beltjax.draw.labels import span_label
+from beltjax.drive.numbers import require_number, unit_of
+from beltjax.drive.system import Drive
+
+Advance = Callable[[str, int, int | None], None]
+_ROWS = 13  # of a sweep's table; every row is in the JSON and the NetCDF file
+_COLUMNS = 8  # of them, to fit the width of a page
+
+
+def sweep_job(
+    path: str | os.PathLike[str],
+    over: str,
+    count: int,
+    orders: str,
+    netcdf: str | None,
+    figure: str | None,
+    advance: Advance,
+) -> Report:
+    """Sweep one number of a drive file. Raises `FileError` for what cannot be asked."""
+    drive, point = vibrating(path)
+    name, text = asked("--over", lambda: read_named(over, "NAME=FROM:TO:POINTS"))
+    asked("--over", lambda: require_number(drive, name))
+    values = asked("--over", lambda: read_range(text, unit_of(drive, name)))
+    lines = asked("--orders", lambda: read_orders(orders))
+    asked("--count", lambda: require_count(drive, count))
+    found = sweep(drive, point, name, values, count=count, advance=advance)
+    document = sweep_document(drive, found)
+    files = []
+    if netcdf:
+        files.append((netcdf, _netcdf(found)))
+    if figure:
+        from beltjax.draw.curves import sweep_figure  # slow to load
+        from beltjax.draw.layouts import picture_bytes
+
+        picture = sweep_figure(drive, found, document["labels"], lines)
+        files.append((figure, picture_bytes(picture, figure)))
+    failure = all_failed(path, name, found.outcomes)
+    return Report(document, sweep_tables(document), failure, tuple(files))
+
+
+def _netcdf(found: Sweep) -> bytes:
+    data: Any = found.to_xarray().to_netcdf(engine="scipy")
+    return bytes(data)
+
+
+def sweep_document(drive: Drive, found: Sweep) -> dict[str, Any]:
+    """A sweep; rows by value, columns by mode, modes counted from 1, null where absent."""
+    veerings = [
+        {
+            "value": veering.value,
+            "modes": [mode + 1 for mode in veering.modes],
+            "gap_hertz": veering.gap / (2 * np.pi),
+            "resolved": veering.resolved,
+        }
+        for veering in found.veerings
+    ]
+    return {
+        "drive": drive.name,
+        "success": bool(found.good.any()),
+        "warnings": sweep_warnings(drive, found),
+        "over": found.name,
+        "unit": found.unit,
+        "values": plain(found.values),
+        "hertz": plain(found.frequencies / (2 * np.pi)),
+        "dimensionless": plain(found.dimensionless),
+        "labels": [span_label(drive, label) for label in found.labels],
+        "error": plain(found.error),
+        "mac": plain(found.mac),
+        "coupling": plain(found.coupling),
+        "coupling_total": plain(np.sum(found.coupling, axis=1)),
+        "veerings": veerings,
+        "failures": [text or None for text in found.outcomes],
+    }
+
+
+def sweep_tables(document: dict[str, Any]) -> Group:
+    """Some rows and columns of a sweep, all its modes and its veerings."""
+    parts = [*warning_lines(document), _sweep_table(document), _modes_table(document)]
+    if document["veerings"]:
+        parts.append(_veering_table(document))
+    failed = sum(text is not None for text in document["failures"])
+    if failed:
+        why = next(text for text in document["failures"] if text)
+        parts.append(f"{failed} of {len(document['values'])} points failed; the first: {why}")
+    return Group(*parts)
+
+
+def _sweep_table(document: dict[str, Any]) -> Any:
+    shown = min(len(document["labels"]), _COLUMNS)
+    factor, unit = _shown_in(document)
+    title = f"{document['drive']}: natural frequencies (Hz) over {document['over']}"
+    columns = ["Gamma", *(str(k + 1) for k in range(shown))]
+    table = plain_table(escape(title), f"at ({unit})" if unit else "at", *columns)
+    count = len(document["values"])
+    for p in np.unique(np.linspace(0, count - 1, min(count, _ROWS)).round().astype(int)):
+        row = document["hertz"][p][:shown]
+        gamma = number(document["coupling_total"][p], 4)
+        table.add_row(f"{factor * document['values'][p]:.6g}", gamma, *(number(x, 2) for x in row))
+    return table
+
+
+def _shown_in(document: dict[str, Any]) -> tuple[float, str]:
+    """Factor and unit in which people read the swept number."""
+    return (RPM, "rpm") if document["unit"] == "rad/s" else (1.0, document["unit"])
+
+
+def _modes_table(document: dict[str, Any]) -> Any:
+    table = plain_table("Modes, each followed by its shape", "mode", "moves most", "least MAC")
+    agreement = np.array(document["mac"], dtype=float)
+    for k, label in enumerate(document["labels"]):
+        followed = agreement[:, k][agreement[:, k] > 0]  # nan and 0: not there before
+        least = number(float(followed.min()), 4) if len(followed) else "-"
+        table.add_row(str(k + 1), escape(label), least)
+    return table
+
+
+def _veering_table(document: dict[str, Any]) -> Any:
+    factor, unit = _shown_in(document)
+    at = f"at ({unit})" if unit else "at"
+    table = plain_table("Veerings", "modes", at, "gap (Hz)", "")
+    for veering in document["veerings"]:
+        modes = " and ".join(map(str, veering["modes"]))
+        note = "" if veering["resolved"] else "not resolved: an upper bound"
+        table.add_row(
+            modes, f"{factor * veering['value']:.6g}", number(veering["gap_hertz"], 3), note
+        )
+    return table

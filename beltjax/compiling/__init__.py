@@ -1,0 +1,1 @@
+"""How functions are compiled: quickly, in few programs, kept between runs."""

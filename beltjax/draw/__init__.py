@@ -1,0 +1,1 @@
+"""Pictures of drives, of curves and of contact."""

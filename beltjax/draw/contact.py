@@ -1,0 +1,146 @@
+"""Pictures of contact: the belt on its pulleys, and its tension and speed along its length."""
+
+import jax.numpy as jnp
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from beltjax.analysis.contact import ContactState
+from beltjax.analysis.contact_path import BeltPiece, belt_pieces, span_deflection
+from beltjax.analysis.steady import SteadyState
+from beltjax.draw.layouts import AFTER, ARM, BEFORE
+from beltjax.drive.system import Drive
+
+COLORS = {"span": AFTER, "adhesion": "#009E73", "slip": ARM}
+_WORDS = {"span": "free span", "adhesion": "adhesion", "slip": "slip"}
+
+
+def contact_figure(drive: Drive, state: ContactState) -> Figure:
+    """Above: the belt as it lies on its pulleys. Below: tension and speed along the belt."""
+    pieces = belt_pieces(state)
+    points = np.concatenate([piece.positions for piece in pieces])
+    wide, high = np.ptp(points, axis=0)
+    figure = Figure(figsize=(9.0, 5.2 + min(9.0, 8.0 * high / wide)), layout="constrained")
+    FigureCanvasAgg(figure)
+    ratios = [min(9.0, 8.0 * high / wide) + 0.6, 2.2, 2.2]
+    belt, tension, speed = figure.subplots(3, 1, height_ratios=ratios)
+    draw_contact(belt, drive, state, pieces)
+    _draw_along(tension, pieces, "tension", "tension (N)")
+    _draw_along(speed, pieces, "speed", "belt speed (m/s)")
+    _name_places(tension, drive, pieces)
+    speed.set_xlabel("along the belt, in its direction of travel (m)")
+    feasible = "" if bool(state.feasible) else ": not physical"
+    belt.set_title(f"{drive.name}{feasible}", fontsize=11, parse_math=False)
+    return figure
+
+
+def draw_contact(
+    axes: Axes, drive: Drive, state: ContactState, pieces: tuple[BeltPiece, ...]
+) -> None:
+    """Pulleys, and the belt on them: its spans, and its arcs of adhesion and of slip."""
+    _draw_pulleys(axes, drive, state)
+    _draw_belt(axes, pieces)
+
+
+def _draw_pulleys(axes: Axes, drive: Drive, state: ContactState) -> None:
+    loop, model = state.solved.loop, state.model
+    length, count = float(state.scales.length), len(drive.pulleys)
+    circle = np.linspace(0, 2 * np.pi, 181)
+    for k in range(count):
+        place = int(state.order.pulleys[k])
+        center = 1e3 * length * np.array([float(loop.x[k]), float(loop.y[k])])
+        radius = 1e3 * length * abs(float(model.rho[k]))
+        axes.fill(
+            center[0] + radius * np.cos(circle),
+            center[1] + radius * np.sin(circle),
+            facecolor="#F2F2F2",
+            edgecolor=BEFORE,
+            linewidth=0.8,
+        )
+        name = drive.pulley_names[place]
+        axes.annotate(name, tuple(center), ha="center", va="center", fontsize=8, parse_math=False)
+    if drive.tensioner is not None:
+        pivot = 1e3 * np.asarray(drive.tensioner.pivot)
+        angle = float(np.asarray(state.arm_angle))
+        reach = 1e3 * float(np.hypot(*np.asarray(drive.arm)))
+        tip = pivot + reach * np.array([np.cos(angle), np.sin(angle)])
+        axes.plot(*np.stack([pivot, tip]).T, color="black", marker="o", markersize=4, linewidth=1)
+
+
+def _draw_belt(axes: Axes, pieces: tuple[BeltPiece, ...]) -> None:
+    for piece in pieces:
+        path, wide = 1e3 * piece.positions, 1.8 if piece.zone == "span" else 3.6
+        axes.plot(*path.T, color=COLORS[piece.zone], linewidth=wide, solid_capstyle="butt")
+    for zone, color in COLORS.items():
+        axes.plot([], [], color=color, linewidth=3, label=_WORDS[zone])
+    first = next(piece for piece in pieces if piece.zone == "span")
+    middle = len(first.positions) // 2
+    axes.annotate(
+        "",
+        xy=tuple(1e3 * first.positions[middle + 6]),
+        xytext=tuple(1e3 * first.positions[middle - 6]),
+        arrowprops={"arrowstyle": "-|>", "color": "black"},
+    )
+    axes.set_aspect("equal")
+    axes.set_xlabel("x (mm)")
+    axes.set_ylabel("y (mm)")
+    axes.grid(linewidth=0.3)
+    axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, fontsize=9)
+
+
+def _draw_along(axes: Axes, pieces: tuple[BeltPiece, ...], what: str, label: str) -> None:
+    for piece in pieces:
+        values = getattr(piece, what)
+        axes.plot(piece.arc_length, values, color=COLORS[piece.zone], linewidth=1.8)
+    axes.set_ylabel(label)
+    axes.grid(linewidth=0.3)
+    axes.margins(x=0.0)
+
+
+def _name_places(axes: Axes, drive: Drive, pieces: tuple[BeltPiece, ...]) -> None:
+    """Each pulley's name above its arc of contact."""
+    for place, name in enumerate(drive.pulley_names):
+        arcs = [piece for piece in pieces if piece.zone != "span" and piece.place == place]
+        if arcs:
+            middle = (arcs[0].arc_length[0] + arcs[-1].arc_length[-1]) / 2
+            axes.annotate(
+                name,
+                (middle, 1.02),
+                xycoords=("data", "axes fraction"),
+                ha="center",
+                fontsize=8,
+                parse_math=False,
+                rotation=0 if len(drive.pulleys) < 4 else 30,
+            )
+
+
+def two_models_figure(drive: Drive, states: list[tuple[str, ContactState, SteadyState]]) -> Figure:
+    """Each span by both models, one color a state: contact points free, and fixed at a string's.
+
+    Deflections from the straight tangent, enlarged by what the axes' scales say.
+    """
+    spans = len(drive.pulleys)
+    figure = Figure(figsize=(10.0, 2.8 * spans), layout="constrained")
+    FigureCanvasAgg(figure)
+    rows = figure.subplots(spans, 2, squeeze=False, sharey="row")
+    colors = (AFTER, "#009E73", ARM, "#CC79A7", "#56B4E9")
+    x = np.linspace(0.0, 1.0, 201)
+    for i, (free, fixed) in enumerate(rows):
+        for (label, contact, steady), color in zip(states, colors, strict=False):
+            along, w = span_deflection(contact, i)
+            free.plot(1e3 * along, 1e3 * w, color=color, linewidth=1.6, label=label)
+            ends = 1e3 * along[[0, -1]], 1e3 * w[[0, -1]]
+            free.plot(*ends, "o", color=color, markersize=5)
+            length = 1e3 * float(steady.reference.layout.span_lengths[i])
+            shape = length * np.asarray(steady.deflection(i, jnp.asarray(x)))
+            fixed.plot(length * x, shape, color=color, linewidth=1.6, label=label)
+        free.set_ylabel("inward (mm)")
+        free.set_title(f"{drive.span_names[i]}: contact points free", fontsize=10, parse_math=False)
+        fixed.set_title("contact points of a string", fontsize=10)
+        for axes in (free, fixed):
+            axes.grid(linewidth=0.3)
+            axes.set_xlabel("along the span (mm)")
+    if len(states) > 1:
+        rows[0, 1].legend(frameon=False, fontsize=8)
+    return figure

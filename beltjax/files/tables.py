@@ -1,0 +1,193 @@
+"""Tables of files whose numbers carry units, and one line for the first thing that is wrong."""
+
+import difflib
+import math
+from collections.abc import Callable, Iterable
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
+from pydantic_core import PydanticCustomError
+
+from beltjax.files.errors import FileError
+from beltjax.files.fields import Number, numbers
+from beltjax.files.units import shown, to_si
+
+# Keys that others use, and what to give here.
+_FOREIGN_KEYS = {
+    "diameter": "give radius, half of it, to the neutral axis of the belt",
+    "pitch_diameter": "give radius, half of it",
+    "teeth": "give radius: teeth times pitch over 2 pi",
+    "x": "give center = [x, y]",
+    "y": "give center = [x, y]",
+    "position": "give center = [x, y]",
+    "rpm": 'give driver_speed = "... rpm"',
+    "speed": "give belt_speed, or driver_speed from which it follows",
+    "power": "give torque: power over the pulley's speed in rad/s",
+    "length": "give belt_length",
+    "width": "axial_stiffness, bending_stiffness and mass_per_length are those of the whole width",
+    "density": "give mass_per_length: density times cross section",
+    "modulus": "give axial_stiffness: modulus times cross section",
+    "youngs_modulus": "give axial_stiffness: modulus times cross section",
+}
+
+
+def checked(value: Any, number: Number, kind: str | None = None) -> float:
+    """A file's value of `number`, whose owner is of this kind, in SI.
+
+    Raises `ValueError` with a text that says what was found and what is expected.
+    """
+    largest = number.largest_bare
+    if largest is not None and type(value) in (int, float) and value > largest:
+        lead = f'millimeters are written "{value:g} mm", and such large pulleys "{value:g} m"'
+        raise ValueError(f"found {value:g}; a bare number is in meters, {lead}")
+    if number.unbounded and isinstance(value, float) and math.isinf(value):
+        return value
+    found = to_si(value, number.unit_for(kind))
+    if number.above is not None and not found > number.above:
+        raise ValueError(f"found {shown(value)}; must be greater than {number.above:g}")
+    if number.at_least is not None and not found >= number.at_least:
+        raise ValueError(f"found {shown(value)}; must not be less than {number.at_least:g}")
+    return found
+
+
+def valid(owner: type, field: str, kind: str | None = None) -> BeforeValidator:
+    """A validator that turns a file's value of a field of `owner` into SI."""
+    number = numbers(owner)[field]
+
+    def convert(value: Any) -> float:
+        try:
+            return checked(value, number, kind)
+        except ValueError as error:
+            raise PydanticCustomError("unit", "{text}", {"text": str(error)}) from error
+
+    return BeforeValidator(convert)
+
+
+class Table(BaseModel):
+    """A table of a file: no key but those named."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    def number(self, name: str) -> Any:
+        """A number that `numbers_of` gave the table; None where it is absent."""
+        return getattr(self, name)
+
+
+TableType = TypeVar("TableType", bound=Table)
+
+
+def numbers_of(
+    owner: type,
+    kind: str | None = None,
+    *,
+    only: Iterable[str] | None = None,
+    without: Iterable[str] = (),
+    required: Iterable[str] = (),
+    optional: Iterable[str] = (),
+) -> Callable[[type[TableType]], type[TableType]]:
+    """Give a table the numbers that `owner` holds, of this kind, with their units and bounds.
+
+    A number is required where the field of `owner` has no default; absent ones are None.
+    """
+
+    def extended(table: type[TableType]) -> type[TableType]:
+        fields: dict[str, Any] = {}
+        for name, fact in numbers(owner).items():
+            if name in without or (only is not None and name not in only):
+                continue
+            annotation: Any = Annotated[float, valid(owner, name, kind)]
+            for size in fact.shape:
+                exactly = Field(min_length=size, max_length=size)
+                annotation = Annotated[list[annotation], exactly]
+            needed = (fact.required or name in required) and name not in optional
+            fields[name] = (annotation, ...) if needed else (annotation | None, None)
+        return create_model(
+            table.__name__,
+            __base__=table,
+            __doc__=table.__doc__,
+            __module__=table.__module__,
+            **fields,
+        )
+
+    return extended
+
+
+def given_numbers(record: Table, owner: type) -> dict[str, Any]:
+    """The numbers of `owner` that a table holds."""
+    fields = {name: getattr(record, name, None) for name in numbers(owner)}
+    return {name: value for name, value in fields.items() if value is not None}
+
+
+def validated(table: type[TableType], content: dict[str, Any], path: object) -> TableType:
+    """`content` as a `table`; raises `FileError` for the first thing that is wrong with it."""
+    try:
+        return table.model_validate(content)
+    except ValidationError as failure:
+        errors = failure.errors()
+        # A misspelt key is also a missing one; the misspelling is what helps.
+        first = min(errors, key=lambda error: error["type"] != "extra_forbidden")
+        more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
+        key = _key(first["loc"], content)
+        raise FileError(path, key, _message(first, table) + more) from failure
+
+
+def _key(location: Iterable[Any], content: Any) -> str:
+    """'pulley.accessory.radius' for ('pulley', 2, 'radius'): items go by their names."""
+    words: list[str] = []
+    for step in location:
+        # Where several types are allowed the library adds which one it tried.
+        if not isinstance(content, dict | list) or str(step).endswith("Table"):
+            continue
+        try:
+            content = content[step]
+        except (KeyError, IndexError, TypeError):
+            content = None
+        if isinstance(step, int):
+            label = (
+                content.get("name", content.get("quantity")) if isinstance(content, dict) else None
+            )
+            words.append(f".{label}" if isinstance(label, str) else f"[{step}]")
+        else:
+            words.append(f".{step}" if words else step)
+    return "".join(words)
+
+
+def _message(error: Any, table: type[Table]) -> str:
+    kind, found = error["type"], error["input"]
+    if kind == "missing":
+        return "is missing; add it"
+    if kind == "extra_forbidden":
+        word = str(error["loc"][-1])
+        if word in _FOREIGN_KEYS and word not in _all_keys(table):
+            return f"is not a known key; {_FOREIGN_KEYS[word]}"
+        if word in _all_keys(table):
+            return "is not a key of this table; remove it"
+        close = difflib.get_close_matches(word, sorted(_all_keys(table)), n=1)
+        return "is not a known key; " + (f"did you mean {close[0]!r}?" if close else "remove it")
+    if kind == "greater_than":
+        return f"found {shown(found)}; must be greater than {error['ctx']['gt']:g}"
+    if kind == "greater_than_equal":
+        return f"found {shown(found)}; must not be less than {error['ctx']['ge']:g}"
+    if kind == "unit":
+        return error["msg"]
+    if kind in ("too_long", "too_short"):
+        wanted = error["ctx"].get("max_length", error["ctx"].get("min_length"))
+        return f"found {len(found)} items; give {wanted}"
+    if kind in ("model_type", "dict_type"):
+        return f"found {shown(found)}; give a table"
+    text = error["msg"].removeprefix("Input should be ")
+    return f"found {shown(found)}; give {text}"
+
+
+def _all_keys(table: type[Table]) -> set[str]:
+    """Keys of a table and of the tables inside it, to find the one that was meant."""
+    keys: set[str] = set()
+    pending: list[Any] = [table]
+    while pending:
+        kind = pending.pop()
+        if isinstance(kind, type) and issubclass(kind, Table):
+            keys |= {field.alias or name for name, field in kind.model_fields.items()}
+            pending += [field.annotation for field in kind.model_fields.values()]
+        else:
+            pending += list(getattr(kind, "__args__", ()))
+    return keys

@@ -1,0 +1,98 @@
+"""How an optimum moves when a number that the study holds fixed changes."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import numpy as np
+
+from beltjax.compiling.quick import usual_promotion
+from beltjax.drive.components import as_real
+from beltjax.drive.numbers import (
+    SPEEDS,
+    TORQUE,
+    full_key,
+    is_relative,
+    moved_with,
+    number_names,
+    number_value,
+    with_number,
+)
+
+from .design import Design
+from .optimality import Local, optimality, response_to
+from .problem import (
+    Scales,
+    in_box,
+    limited_rows,
+    part_counts,
+    with_implied_constraints,
+)
+from .search.search import looking
+from .study import Study
+
+_STEP = 1e-5  # relative, of the differences of exact gradients
+
+
+class PostOptimal(NamedTuple):
+    """Derivatives of an optimum with respect to fixed numbers of the drive, SI."""
+
+    names: tuple[str, ...]  # [numbers], keys of the drive file
+    objective: np.ndarray  # [numbers], total
+    variables: np.ndarray  # [numbers, variables]; nan where the active set leaves them open
+
+
+def fixed_numbers(study: Study) -> list[str]:
+    """The drive's numbers that the study does not vary."""
+    moved = {full_key(study.drive, name) for name in study.variables.names}
+    for name in filter(is_relative, tuple(moved)):
+        moved |= moved_with(name)
+    names = [n for n in number_names(study.drive) if n not in moved and n not in SPEEDS]
+    return [n for n in names if not n.startswith(TORQUE) and not is_relative(n)]
+
+
+@usual_promotion
+def post_optimal(
+    study: Study, design: Design, numbers: tuple[str, ...] | None = None
+) -> PostOptimal:
+    """Derivatives of a design of `minimize` with respect to `numbers`, of `fixed_numbers` if None.
+
+    By the implicit function theorem at the conditions of the optimum (A. V. Fiacco, Introduction
+    to Sensitivity and Stability Analysis in Nonlinear Programming, 1983), with the active set
+    held; second derivatives by central differences of exact gradients. Raises `ValueError` where
+    the design is no strict optimum.
+    """
+    if not design.success:
+        raise ValueError("post_optimal: the design is no optimum; read design.result.")
+    names = tuple(fixed_numbers(study)) if numbers is None else numbers
+    study = with_implied_constraints(study)
+    rows = limited_rows(study, part_counts(study))
+    scaled = [design.scales[name] for name in study.constraints.names]
+    scales = Scales(as_real(design.scales["objective"]), as_real(scaled))
+    look = looking(study, scales, rows)
+    at = look(in_box(study, design.values))
+    assert at is not None  # as the design succeeded
+    shown = optimality(at, look)
+    sides = [_difference(study, scales, rows, at, name) for name in names]
+    mixed = np.stack([s.df + shown.multipliers @ s.dc for s in sides], axis=1)
+    moved = np.stack([s.c for s in sides], axis=1)
+    span = np.asarray(study.variables.upper - study.variables.lower)
+    slopes = response_to(at, shown, look, mixed, moved).T * span
+    total = np.array([s.f for s in sides]) + shown.multipliers @ moved
+    return PostOptimal(names, total * design.scales["objective"], slopes)
+
+
+def _difference(study: Study, scales: Scales, rows, at: Local, name: str) -> Local:
+    """Derivatives of a problem's values and first derivatives with respect to one number."""
+    value = float(number_value(study.drive, study.point, name))
+    h = _STEP * max(abs(value), 1e-3)
+    ends = []
+    for side in (value + h, value - h):
+        drive, _ = with_number(study.drive, study.point, name, as_real(side))
+        moved = looking(eqx.tree_at(lambda s: s.drive, study, drive), scales, rows)(at.x)
+        if moved is None:
+            raise ValueError(f"post_optimal: there is no drive for {name} = {side:g}.")
+        ends.append(moved)
+    up, down = ends
+    return Local(
+        at.x, *((np.asarray(a) - b) / (2 * h) for a, b in zip(up[1:], down[1:], strict=True))
+    )

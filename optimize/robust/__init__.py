@@ -1,0 +1,1 @@
+"""Tolerances: how numbers scatter, and what that makes of what a drive does."""

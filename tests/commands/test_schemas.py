@@ -1,0 +1,69 @@
+"""The JSON Schemas: up to date, valid, strict enough to see a wrong document, and on their page.
+
+Every document that a command writes in any test is held to its schema by the `run` fixture.
+"""
+
+import json
+from types import SimpleNamespace
+
+import pytest
+from drives import EXAMPLES
+from jsonschema import Draft202012Validator, ValidationError
+from schemas import documented, validator
+
+from beltjax.commands.cli import cli
+from beltjax.commands.documents import complete, front_document
+from beltjax.commands.schema import DOCUMENTS, FOLDER, MARK, VERSION, key_tables, schema_text
+
+FRONT = SimpleNamespace(
+    names=("coupling", "-tensioner_effectiveness"),
+    points=[
+        SimpleNamespace(objectives=(3.1, -0.8), values={"tensioner.angle": 0.1}, residual=1e-9)
+    ],
+    success=True,
+)
+
+
+def test_every_command_has_a_schema():
+    assert set(DOCUMENTS) == set(cli.commands)
+    assert {path.stem for path in FOLDER.glob("*.json")} == set(DOCUMENTS)
+
+
+@pytest.mark.parametrize("command", DOCUMENTS)
+def test_schemas_are_up_to_date_and_valid(command):
+    text = (FOLDER / f"{command}.json").read_text()
+    assert text == schema_text(command), "python -m beltjax.commands.schema"
+    Draft202012Validator.check_schema(json.loads(text))
+    assert json.loads(text)["properties"]["schema"]["const"] == VERSION
+
+
+def test_the_page_lists_every_key():
+    page = (EXAMPLES.parent / "docs" / "documents.md").read_text()
+    assert page.split(MARK)[1] == "\n" + key_tables(), "python -m beltjax.commands.schema"
+
+
+def test_the_front_of_a_study_is_documented():
+    documented("pareto", complete(front_document(FRONT)))
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"schema": "0"}, "'1' was expected"),
+        ({"success": "yes"}, "'yes' is not of type 'boolean'"),
+        ({"warnings": [{"code": "span_slackens"}]}, "'text' is a required property"),
+        (
+            {"points": [{"objectives": {}, "design": {"radius": None}, "residual": 0}]},
+            "None is not",
+        ),
+    ],
+)
+def test_a_wrong_document_is_refused(changes, says):
+    with pytest.raises(ValidationError, match=says):
+        validator("pareto").validate(complete(front_document(FRONT)) | changes)
+
+
+def test_readers_need_not_know_keys_of_later_versions():
+    validator("pareto").validate(complete(front_document(FRONT)) | {"later": 1})
+    with pytest.raises(ValueError, match="later"):
+        documented("pareto", complete(front_document(FRONT)) | {"later": 1})
