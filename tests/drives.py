@@ -37,7 +37,7 @@ def build(centers, radii, faces, carried, pivot, stiffness, tension, torques, re
             radius=radii[i],
             face=faces[i],
             driver=float(i == 0),
-            on_arm=carried[i],
+            on=carried[i][None],
         )
         for i in range(n)
     ]
@@ -45,7 +45,7 @@ def build(centers, radii, faces, carried, pivot, stiffness, tension, torques, re
         belt=bj.Belt(rest["EA"], rest["EI"], 0.1),
         pulleys=tuple(pulleys),
         installation=bj.TensionGiven(tension),
-        tensioner=bj.Tensioner(pivot, stiffness),
+        tensioner=bj.Tensioner(stiffness, pivot),
     )
     torque = {f"p{i}": torques[i] for i in range(1, n)}
     return drive, bj.OperatingPoint(belt_speed=rest["speed"], torque=torque)
@@ -84,7 +84,7 @@ def _screen(arrays):
     gaps = clearances(drive, at)
     parts = jnp.concatenate([gaps.rims, gaps.belt.ravel()])
     possible = (at.result == bj.RESULTS.successful) & jnp.all(parts > 0)
-    return possible & ~_crossing(at) & (jnp.max(drive.carried * at.wraps) > 0.2)
+    return possible & ~_crossing(at) & (jnp.max(arrays[3] * at.wraps) > 0.2)
 
 
 def _crossing(at):
