@@ -90,8 +90,9 @@ class Design(Readable):
 
     def unit_of_row(self, field: str, key: str | None = None) -> str:
         """SI unit of a row when this prints: values of design variables have each their own."""
-        of_value = field == "values" and key is not None
-        return unit_of(self.drive, key) if of_value else super().unit_of_row(field, key)
+        if field == "values" and key is not None:
+            return unit_of(self.drive, key)
+        return super().unit_of_row(field, key)
 
 
 class _Basin(NamedTuple):

@@ -8,7 +8,7 @@ or one tensioner, its name may be left out.
 import dataclasses
 import difflib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import equinox as eqx
 import jax
@@ -23,6 +23,7 @@ from beltjax.drive.layout import turned
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.files.fields import Number, number, numbers
+from beltjax.files.units import in_unit
 
 TORQUE = "operation.torque."
 SPEEDS = ("operation.belt_speed", "operation.driver_speed")
@@ -46,18 +47,18 @@ class Place(NamedTuple):
     fact: Number
     kind: str | None  # of the tensioner that the number belongs to, where it is known
     at: Callable[[Drive], Any]  # the array in the drive
-    index: int | None = None  # of the number in it
+    part: int | None = None  # which number of that array; None: all of it
     silent: bool = False  # the file need not say it: it is as it is by default
 
     def read(self, drive: Drive) -> Array:
         """The number or the array."""
         found = self.at(drive)
-        return found if self.index is None else found[..., self.index]
+        return found if self.part is None else found[..., self.part]
 
     def put(self, drive: Drive, value: Any) -> Drive:
         """`drive` with another number there."""
-        if self.index is not None:
-            value = self.at(drive).at[..., self.index].set(value)
+        if self.part is not None:
+            value = self.at(drive).at[..., self.part].set(value)
         return eqx.tree_at(self.at, drive, value)
 
 
@@ -122,10 +123,10 @@ def _silent(part: Any, name: str) -> bool:
     if fact.beside is not None:
         return _silent(part, fact.beside)
     field = next(field for field in dataclasses.fields(part) if field.name == name)
-    value = concrete(getattr(part, name))
-    if fact.required or fact.kinds or value is None or field.default is None:
+    value, default = concrete(getattr(part, name)), cast(Any, field.default)
+    if fact.required or fact.kinds or value is None or default is None:
         return False
-    return np.array_equal(value, np.broadcast_to(field.default, value.shape))
+    return np.array_equal(value, np.broadcast_to(default, value.shape))
 
 
 def _of_installation(drive: Drive, kinds: Sequence[str | None]) -> Iterator[Place]:
@@ -157,8 +158,8 @@ def _scalars(drive: Drive) -> Iterator[Place]:
     """All single numbers of a drive, the parts of vectors among them."""
     for place in _places(drive):
         for i, part in enumerate(place.fact.parts):
-            yield place._replace(key=f"{place.key}.{part}", index=i)
-        if place.index is not None or (place.fact.rank == 0 and not place.fact.parts):
+            yield place._replace(key=f"{place.key}.{part}", part=i)
+        if place.part is not None or (place.fact.rank == 0 and not place.fact.parts):
             yield place
 
 
@@ -277,6 +278,19 @@ def unit_of(drive: Drive, name: str) -> str:
     """SI unit of a number of this drive; empty for a pure number."""
     fact, kind = fact_of(drive, name)
     return fact.unit_for(kind)
+
+
+def in_unit_of_file(drive: Drive, name: str, value: float) -> tuple[float, str]:
+    """A value [SI] of a number of the drive in the unit in which its file gives the number."""
+    key = full_key(drive, name)
+    si, unit = unit_of(drive, key), drive.units.get(key)
+    return (value, si) if unit is None else (in_unit(value, si, unit), unit)
+
+
+def known_keys(drive: Drive) -> set[str]:
+    """Keys of all numbers that may be set."""
+    torques = [TORQUE + name for name in drive.pulley_names]
+    return {*_by_key(drive), *_arm_keys(drive), *SPEEDS, *torques}
 
 
 def canonical_key(drive: Drive, name: str) -> str:

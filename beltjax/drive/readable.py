@@ -171,7 +171,7 @@ def _inline(part: Readable, whole: Readable) -> Iterator[str]:
             marked = _marked(whole, name, held)
             yield from [f"{name} {', '.join(part.name for part in marked)}"] * bool(marked)
         elif name in _FLAGS:
-            yield from [name] * bool(float(held))
+            yield from [name] * bool(np.any(held))
         elif name != "name" and (name in part.words or not _is_default(held, defaults.get(name))):
             # The unit of a spring between two tensioners is that of either's own.
             ends = _marked(whole, "between", getattr(part, "between", ()))

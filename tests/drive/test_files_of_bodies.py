@@ -1,39 +1,29 @@
 """Drive files with several tensioners, springs, isolators and belts: read, written, refused."""
 
-import json
 import re
-from pathlib import Path
 
 import equinox as eqx
 import jax
 import numpy as np
 import pytest
+from bodies_cases import (
+    CASES,
+    ECCENTRIC,
+    ISOLATORS,
+    LEVER,
+    SLIDE,
+    TWIN,
+    TWO_ARMS,
+    TWO_BELTS,
+    load,
+    swap,
+)
 from drives import EXAMPLES
 
 import beltjax as bj
 from beltjax.drive.buildable import layout_fault
 
-CASES = json.loads((Path(__file__).parents[1] / "data" / "bodies.json").read_text())["cases"]
 THREE = (EXAMPLES / "three_pulley.toml").read_text()
-
-
-def text_of(number):
-    return next(case["file"] for name, case in CASES.items() if name.startswith(number))
-
-
-TWO_ARMS, SLIDE, TWIN, LEVER = (text_of(number) for number in ("04", "08", "10", "12"))
-ISOLATORS, TWO_BELTS, ECCENTRIC = (text_of(number) for number in ("16", "18", "24"))
-
-
-def load(tmp_path, text):
-    path = tmp_path / "drive.toml"
-    path.write_text(text)
-    return bj.load_drive(path)
-
-
-def swap(text, old, new):
-    assert old in text
-    return text.replace(old, new, 1)
 
 
 def saved_and_loaded(tmp_path, drive, point):
