@@ -306,23 +306,21 @@ def _on_bodies(part: Any, count: int) -> Any:
 
 
 def _named(parts: Sequence[Any], field: str, drive: Drive) -> tuple[Any, ...]:
-    """`parts`, those without a name called like the first pulley that their flags mark.
-
-    A second one there has a number behind its name.
-    """
+    """`parts`, those without a name called like the first pulley that their flags mark."""
     named, names = [], drive.pulley_names
     for part in parts:
         flags = _flags([getattr(part, field)])
         if not part.name and flags is not None and np.any(flags):
-            name, used = names[int(np.argmax(flags))], [other.name for other in named]
-            again = next(k for k in range(1, len(used) + 2) if _numbered(name, k) not in used)
-            part = dataclasses.replace(part, name=_numbered(name, again))
+            name = free_name(names[int(np.argmax(flags))], [other.name for other in named])
+            part = dataclasses.replace(part, name=name)
         named.append(part)
     return tuple(named)
 
 
-def _numbered(name: str, place: int) -> str:
-    return name if place == 1 else f"{name} {place}"
+def free_name(name: str, used: Sequence[str]) -> str:
+    """`name`, with a number behind it where it is used already."""
+    numbered = (f"{name} {place}" for place in range(2, len(used) + 3))
+    return next(word for word in (name, *numbered) if word not in used)
 
 
 def _flags(flags: Sequence[Any]) -> np.ndarray | None:
