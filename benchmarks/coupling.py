@@ -24,8 +24,8 @@ jax.config.update("jax_enable_x64", True)
 from timing import Row, best_time, compiled, show  # noqa: E402
 
 import beltjax as bj  # noqa: E402
-from beltjax.analysis.sensitivity import named_numbers  # noqa: E402
 from beltjax.analysis.steady import steady_model  # noqa: E402
+from beltjax.drive.numbers import named_numbers  # noqa: E402
 from beltjax.validation.peers.standard_form import solve_standard_form  # noqa: E402
 
 DRIVE = Path(__file__).parents[1] / "examples" / "three_pulley.toml"
@@ -154,7 +154,7 @@ def main() -> None:
     gamma, gradient = both(designs)
     slopes = {
         name: x
-        for name, x in named_numbers(*gradient).items()
+        for name, x in named_numbers(*gradient, designs).items()
         if not any(w in name for w in absent)
     }
     small = {name: x[:200] for name, x in columns.items()}

@@ -29,7 +29,7 @@ from coupling import DRIVE, varied  # noqa: E402
 from timing import Row, best_time, compiled, show  # noqa: E402
 
 import beltjax as bj  # noqa: E402
-from beltjax.analysis.sensitivity import named_numbers  # noqa: E402
+from beltjax.drive.numbers import named_numbers  # noqa: E402
 
 COUNT = 8
 FEW = bj.Legendre(12)  # 0.1 % at the bending stiffness of the example
@@ -84,7 +84,7 @@ def peer(designs, slopes):
 
 
 def _moved(numbers, name, value):
-    return eqx.tree_at(lambda n: named_numbers(*n)[name], numbers, value)
+    return eqx.tree_at(lambda n: named_numbers(*n, numbers)[name], numbers, value)
 
 
 def growth(batch):
@@ -126,7 +126,9 @@ def main() -> None:
             cost = best_time(run, designs) / batch
             rows.append(Row(name + kind, batch, wrong, None, wait, cost))
             if kind and slopes is None:
-                slopes = {key: np.asarray(x) for key, x in named_numbers(*run(designs)).items()}
+                slopes = {
+                    key: np.asarray(x) for key, x in named_numbers(*run(designs), designs).items()
+                }
     seconds, found, slope_error = peer(few, slopes)
     scipy_error = np.max(np.abs(found / fine - 1))
     rows.append(Row("SciPy eig, differences", 1, scipy_error, slope_error, None, seconds))

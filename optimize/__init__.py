@@ -1,9 +1,9 @@
 """Design variables, objectives, constraints and optimizers; installed as `beltjax.optimize`."""
 
-from beltjax.drive.variables import unit_of as unit_of
-from beltjax.drive.variables import value_of as value_of
-from beltjax.drive.variables import variable_names as variable_names
-from beltjax.drive.variables import with_values as with_values
+from beltjax.drive.numbers import unit_of as unit_of
+from beltjax.drive.numbers import value_of as value_of
+from beltjax.drive.numbers import variable_names as variable_names
+from beltjax.drive.numbers import with_values as with_values
 
 from .choices import Chosen as Chosen
 from .choices import enumerated as enumerated

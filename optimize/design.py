@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from beltjax.analysis.steady import SteadyState, steady_state
+from beltjax.drive.numbers import unit_of
 from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
 from beltjax.results import RESULTS, succeeded
@@ -86,6 +87,12 @@ class Design(Readable):
     def success(self) -> bool:
         """Whether an optimum was reached that meets all constraints."""
         return bool(succeeded(self.result))
+
+    def unit_of_row(self, field: str, key: str | None = None) -> str:
+        """SI unit of a row when this prints: values of design variables have each their own."""
+        if field == "values" and key is not None:
+            return unit_of(self.drive, key)
+        return super().unit_of_row(field, key)
 
 
 class _Basin(NamedTuple):

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import openmdao.api as om
 
 from beltjax.compiling.quick import quickly_compiled
-from beltjax.drive.variables import unit_of, with_values
+from beltjax.drive.numbers import unit_of, with_values
 
 from .problem import Measured, measured, own_values, part_counts
 from .quantities import quantity
@@ -43,7 +43,7 @@ class DriveComponent(om.ExplicitComponent):
             raise ValueError("DriveComponent: the study has tolerances; use `minimize`.")
         own = own_values(study)
         for name in study.variables.names:
-            self.add_input(variable_name(name), own[name], units=_units(unit_of(name)))
+            self.add_input(variable_name(name), own[name], units=_units(unit_of(study.drive, name)))
         self.add_output("objective", 0.0)
         counts = part_counts(study)
         for name, parts in zip(study.constraints.names, counts, strict=True):

@@ -7,8 +7,16 @@ import numpy as np
 
 from beltjax.compiling.quick import usual_promotion
 from beltjax.drive.components import as_real
-from beltjax.drive.numbers import SPEEDS, TORQUE, number_names, number_value, with_number
-from beltjax.drive.variables import ANGLE, ARM_LENGTH
+from beltjax.drive.numbers import (
+    SPEEDS,
+    TORQUE,
+    full_key,
+    is_relative,
+    moved_with,
+    number_names,
+    number_value,
+    with_number,
+)
 
 from .design import Design
 from .optimality import Local, optimality, response_to
@@ -35,12 +43,11 @@ class PostOptimal(NamedTuple):
 
 def fixed_numbers(study: Study) -> list[str]:
     """The drive's numbers that the study does not vary."""
-    moved = set(study.variables.names)
-    if moved & {ANGLE, ARM_LENGTH}:
-        moved |= {ANGLE, ARM_LENGTH, "tensioner.pivot.x", "tensioner.pivot.y"}
+    moved = {full_key(study.drive, name) for name in study.variables.names}
+    for name in filter(is_relative, tuple(moved)):
+        moved |= moved_with(name)
     names = [n for n in number_names(study.drive) if n not in moved and n not in SPEEDS]
-    relative = (ANGLE, ARM_LENGTH)  # say again what the pivot says
-    return [n for n in names if not n.startswith(TORQUE) and n not in relative]
+    return [n for n in names if not n.startswith(TORQUE) and not is_relative(n)]
 
 
 @usual_promotion

@@ -12,9 +12,8 @@ from scipy.stats import qmc
 
 from beltjax.analysis.steady import steady_state
 from beltjax.compiling.quick import quickly_compiled
-from beltjax.drive.numbers import number_value, with_numbers
+from beltjax.drive.numbers import number_value, value_of, with_numbers, with_values
 from beltjax.drive.system import Drive
-from beltjax.drive.variables import value_of, with_values
 
 from .quantities import Answers, quantity
 from .search.augmented_lagrangian import Evaluation

@@ -10,10 +10,9 @@ from jaxtyping import Array, Float
 
 from beltjax.drive.canonical import strongly_typed
 from beltjax.drive.components import as_real, concrete
-from beltjax.drive.numbers import require_numbers
+from beltjax.drive.numbers import require_numbers, variable_names
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
-from beltjax.drive.variables import variable_names
 
 from .quantities import Quantity, is_forced, quantity
 from .robust.scatter import Scatter

@@ -10,10 +10,9 @@ import jax.numpy as jnp
 from pydantic import Field
 
 from beltjax.drive.files import load_drive
-from beltjax.drive.numbers import unit_of_number
+from beltjax.drive.numbers import fact_of, unit_of, variable_names
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
-from beltjax.drive.variables import unit_of, variable_names
 from beltjax.files.errors import FileError
 from beltjax.files.reading import read_toml
 from beltjax.files.tables import Table, validated
@@ -160,11 +159,12 @@ def _variables(file: StudyTable, drive: Drive, path: object) -> Limits:
             raise FileError(path, key, _no_such_variable(variable.name, drive, known))
         if variable.name in names:
             raise FileError(path, key, "is given twice; remove one")
-        bounds = _bounds(variable, unit_of(variable.name), path, key)
+        bounds = _bounds(variable, unit_of(drive, variable.name), path, key)
         if bounds[0] >= bounds[1]:
             found = f"found lower {variable.lower!r}, upper {variable.upper!r}"
             raise FileError(path, key, f"{found}; lower must be less than upper")
-        if variable.name.endswith((".radius", "stiffness", "tension", "length")) and bounds[0] <= 0:
+        fact, _ = fact_of(drive, variable.name)
+        if 0 in (fact.above, fact.at_least) and bounds[0] <= 0:
             raise FileError(path, f"{key}.lower", f"found {variable.lower!r}; must be positive")
         names.append(variable.name)
         lower.append(bounds[0])
@@ -208,7 +208,7 @@ def _choice(table: ChoiceTable, drive: Drive, path: object) -> Choice:
             raise FileError(path, key, f"option {place} has no numbers; give some by their keys")
         for name in numbers:
             require_of_drive(drive, name, path, key)
-        si = {k: number_of(v, unit_of_number(k), path, f"{key}.{k}") for k, v in numbers.items()}
+        si = {k: number_of(v, unit_of(drive, k), path, f"{key}.{k}") for k, v in numbers.items()}
         options.append(Option(str(given.get("label", place)), tuple(si.items())))
     return Choice(table.name, tuple(options))
 

@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 
 import beltjax as bj
-from beltjax.analysis.sensitivity import named_numbers
 from beltjax.compiling.quick import quickly_compiled
 from beltjax.drive.buildable import clearances
+from beltjax.drive.numbers import named_numbers
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 
@@ -37,7 +37,7 @@ def build(centers, radii, faces, carried, pivot, stiffness, tension, torques, re
             radius=radii[i],
             face=faces[i],
             driver=float(i == 0),
-            on_arm=carried[i],
+            on=carried[i][None],
         )
         for i in range(n)
     ]
@@ -45,7 +45,7 @@ def build(centers, radii, faces, carried, pivot, stiffness, tension, torques, re
         belt=bj.Belt(rest["EA"], rest["EI"], 0.1),
         pulleys=tuple(pulleys),
         installation=bj.TensionGiven(tension),
-        tensioner=bj.Tensioner(pivot, stiffness),
+        tensioner=bj.Tensioner(stiffness, pivot),
     )
     torque = {f"p{i}": torques[i] for i in range(1, n)}
     return drive, bj.OperatingPoint(belt_speed=rest["speed"], torque=torque)
@@ -84,7 +84,7 @@ def _screen(arrays):
     gaps = clearances(drive, at)
     parts = jnp.concatenate([gaps.rims, gaps.belt.ravel()])
     possible = (at.result == bj.RESULTS.successful) & jnp.all(parts > 0)
-    return possible & ~_crossing(at) & (jnp.max(drive.carried * at.wraps) > 0.2)
+    return possible & ~_crossing(at) & (jnp.max(arrays[3] * at.wraps) > 0.2)
 
 
 def _crossing(at):
@@ -125,7 +125,9 @@ def flat_numbers(drive, point):
         for value in named_numbers(drive, point).values():
             parts.append(new[start : start + value.size].reshape(value.shape))
             start += value.size
-        return eqx.tree_at(lambda dp: list(named_numbers(*dp).values()), (drive, point), parts)
+        return eqx.tree_at(
+            lambda dp: list(named_numbers(*dp, (drive, point)).values()), (drive, point), parts
+        )
 
     return names, values, put
 

@@ -1,11 +1,10 @@
 """Derivatives of what an engineer asks about, by the names of the numbers in the drive file."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array
 
 from beltjax.analysis.linearization import has_inertias, linearize
 from beltjax.analysis.modes import Modes, causes, modes_with_slopes
@@ -14,9 +13,6 @@ from beltjax.drive.canonical import canonical, restored
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis
-
-# Choices kept as numbers for the compiler's sake, and tables of their own.
-_FLAGS = ("name", "face", "driver", "on_arm", "travel", "torque", "excitation", "tension_of")
 
 Gradient = tuple[Drive, OperatingPoint]
 
@@ -28,27 +24,6 @@ class Sensitivities(NamedTuple):
     modes: Modes | None  # None where an inertia is missing, or none are asked for
     coupling: Gradient  # of Gamma, all spans
     frequencies: Gradient | None  # of each frequency [rad/s], along a leading axis
-
-
-def named_numbers(drive: Drive, point: OperatingPoint) -> dict[str, Array]:
-    """Every number of a drive and its operating point, by its key in the drive file.
-
-    The keys read "belt.bending_stiffness", "pulley.NAME.radius", "operation.torque.NAME". A
-    gradient of a drive is a drive, so this names the parts of a gradient too.
-    """
-    numbers = _fields("belt", drive.belt)
-    for pulley in drive.pulleys:
-        numbers |= _fields(f"pulley.{pulley.name}", pulley)
-    if drive.tensioner is not None:
-        numbers |= _fields("tensioner", drive.tensioner)
-    numbers |= _fields("installation", drive.installation)
-    numbers |= _fields("operation", point)
-    return numbers | {f"operation.torque.{name}": x for name, x in point.torque.items()}
-
-
-def _fields(table: str, part: Any) -> dict[str, Array]:
-    fields = {key: value for key, value in vars(part).items() if key not in _FLAGS}
-    return {f"{table}.{key}": value for key, value in fields.items() if value is not None}
 
 
 def sensitivities(drive: Drive, point: OperatingPoint, count: int, basis) -> Sensitivities:

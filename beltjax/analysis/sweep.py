@@ -16,8 +16,8 @@ from beltjax.analysis.modes import mode_label, modes
 from beltjax.analysis.steady import steady_state
 from beltjax.analysis.tracking import Shapes, Veering, linked, tracks, veerings
 from beltjax.compiling.quick import in_chunks, quickly_compiled, usual_promotion
-from beltjax.drive.canonical import canonical, canonical_key
-from beltjax.drive.numbers import require_number, unit_of_number, with_number
+from beltjax.drive.canonical import canonical
+from beltjax.drive.numbers import canonical_key, require_number, unit_of, with_number
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis, Legendre
@@ -163,7 +163,7 @@ def sweep(
     frequencies = _picked(found.frequencies, places)
     return Sweep(
         name=name,
-        unit=unit_of_number(name),
+        unit=unit_of(drive, name),
         values=grid,
         frequencies=frequencies,
         dimensionless=_picked(found.dimensionless, places),

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from beltjax.analysis.modes import Modes
-from beltjax.analysis.sensitivity import Sensitivities, named_numbers
+from beltjax.analysis.sensitivity import Gradient, Sensitivities
 from beltjax.analysis.steady import SteadyState
 from beltjax.commands.schema import VERSION
 from beltjax.commands.warnings import steady_warnings
@@ -17,6 +17,7 @@ from beltjax.draw.labels import mode_labels
 from beltjax.drive.bodies import single_arm
 from beltjax.drive.components import KINDS
 from beltjax.drive.layout import Loops, alignment_angles
+from beltjax.drive.numbers import named_numbers
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.shafts import transmission
 from beltjax.drive.system import Drive
@@ -48,7 +49,7 @@ def analysis_document(drive: Drive, point: OperatingPoint, found: Sensitivities)
         "spans": _spans(drive, steady, running),
         "isolators": _isolators(drive, steady) if rests else None,
         "modes": _modes(drive, found.modes) if running and found.modes else None,
-        "sensitivities": _sensitivities(found) if running else None,
+        "sensitivities": _sensitivities(drive, found) if running else None,
     }
 
 
@@ -242,17 +243,23 @@ def _modes(drive: Drive, modes: Modes) -> dict[str, Any]:
     }
 
 
-def _sensitivities(found: Sensitivities) -> dict[str, Any]:
+def _sensitivities(drive: Drive, found: Sensitivities) -> dict[str, Any]:
+    def named(gradient: Gradient) -> dict[str, Any]:
+        # The point of a gradient has the numbers that the drive's own has.
+        return plain_numbers(*gradient, of=(drive, gradient[1]))
+
     frequencies = found.frequencies
     return {
-        "coupling_total": plain_numbers(*found.coupling),
-        "frequencies": None if frequencies is None else plain_numbers(*frequencies),
+        "coupling_total": named(found.coupling),
+        "frequencies": None if frequencies is None else named(frequencies),
     }
 
 
-def plain_numbers(drive: Drive, point: OperatingPoint) -> dict[str, Any]:
-    """The numbers of a drive, or of a gradient of one, by their keys in the file."""
-    return {name: plain(value) for name, value in named_numbers(drive, point).items()}
+def plain_numbers(
+    drive: Drive, point: OperatingPoint, of: tuple[Drive, OperatingPoint] | None = None
+) -> dict[str, Any]:
+    """The numbers of a drive, or of a gradient by those `of` one, by their keys in the file."""
+    return {name: plain(value) for name, value in named_numbers(drive, point, of).items()}
 
 
 def design_document(design: Any) -> dict[str, Any]:

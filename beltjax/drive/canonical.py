@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from beltjax.drive.components import as_complex, as_real
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
+from beltjax.drive.units_of_file import UnitsOfFile
 
 Numbers = TypeVar("Numbers")
 _NAME = "drive"
@@ -59,37 +60,6 @@ def canonical(drive: Drive, point: OperatingPoint) -> tuple[Drive, OperatingPoin
     return canonical_drive(drive), point
 
 
-def split_key(drive: Drive, key: str) -> tuple[str, str]:
-    """The table of a key of the drive file, with the name of what it belongs to, and the field.
-
-    Tensioners may have a '.' in their names, and fields parts: "pulley.idler.center.x".
-    """
-    table, _, rest = key.partition(".")
-    owners = {
-        "pulley": drive.pulley_names,
-        "tensioner": [body.name for body in drive.tensioners],
-    }.get(table, ())
-    for name in sorted(owners, key=len, reverse=True):
-        if rest.startswith(f"{name}."):
-            return f"{table}.{name}", rest.removeprefix(f"{name}.")
-    if key.startswith("operation.torque."):
-        return "operation.torque", key.removeprefix("operation.torque.")
-    return table, rest
-
-
-def canonical_key(drive: Drive, key: str) -> str:
-    """The key of a number of the drive file with the canonical name of what it belongs to."""
-    part, field = split_key(drive, key)
-    words = part.split(".", 1)
-    if words[0] == "pulley":
-        return f"pulley.{canonical_name(drive.pulley(words[1]))}.{field}"
-    if part == "operation.torque":
-        return f"{part}.{canonical_name(drive.pulley(field))}"
-    if words[0] == "tensioner" and len(words) > 1:
-        return f"tensioner.{_name('tensioner', drive.body(words[1]))}.{field}"
-    return key
-
-
 def restored(
     numbers: tuple[Any, Any], drive: Drive, point: OperatingPoint
 ) -> tuple[Drive, OperatingPoint]:
@@ -128,10 +98,14 @@ def _canonical_structure(structure: Any) -> Any:
             ("belts", "belt", drive.belts),
             ("tensioners", "tensioner", drive.tensioners),
             ("arm_springs", "spring", drive.arm_springs),
+            ("isolators", "isolator", drive.isolators),
+            ("dampers", "damper", drive.dampers),
         )
     }
     model = _renamed(drive.model, schema=1)
-    renamed = _renamed(drive, name=_NAME, pulleys=tuple(pulleys), model=model, **named)
+    renamed = _renamed(
+        drive, name=_NAME, pulleys=tuple(pulleys), model=model, units=UnitsOfFile(), **named
+    )
     return jax.tree.structure(renamed)
 
 

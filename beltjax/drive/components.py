@@ -10,8 +10,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
-from beltjax.drive.fields import number
 from beltjax.drive.readable import Readable
+from beltjax.files.fields import number
 
 SIDES = {"grooved": 1.0, "back": -1.0}
 SENSES = {"counterclockwise": 1.0, "clockwise": -1.0}
@@ -197,7 +197,7 @@ class Tensioner(Readable):
     pivot: Float[Array, "2"] = eqx.field(
         converter=as_real,
         default=(0.0, 0.0),
-        metadata=number("m", "`[x, y]`, as drawn", parts=("x", "y")),
+        metadata=number("m", "`[x, y]`, as drawn", parts=("x", "y"), kinds=("rotary",)),
     )
     stiffness: Float[Array, ""] = eqx.field(
         converter=as_real,
@@ -232,7 +232,12 @@ class Tensioner(Readable):
     direction: Float[Array, "2"] = eqx.field(
         converter=as_real,
         default=(1.0, 0.0),
-        metadata=number("", "in which it slides: `[dx, dy]` or an angle", parts=("x", "y")),
+        metadata=number(
+            "",
+            "in which it slides: `[dx, dy]` or an angle",
+            parts=("x", "y"),
+            kinds=("linear",),
+        ),
     )
     # Of a body whose pivot moves. What `inertia` says is added.
     mass: Float[Array, ""] = eqx.field(
@@ -243,7 +248,7 @@ class Tensioner(Readable):
     mass_center: Float[Array, "2"] = eqx.field(
         converter=as_real,
         default=(0.0, 0.0),
-        metadata=number("m", "`[x, y]` of that mass, as drawn", parts=("x", "y")),
+        metadata=number("m", "`[x, y]` of that mass, as drawn", parts=("x", "y"), beside="mass"),
     )
     inertia_center: Float[Array, ""] = eqx.field(
         converter=as_real,
@@ -305,6 +310,7 @@ class Isolator(Readable):
         default=0.0,
         metadata=number("N m s/rad", "for the forced response", at_least=0),
     )
+    name: str = eqx.field(static=True, default="")  # that of its first pulley unless given
 
 
 class Damper(Readable):
@@ -324,6 +330,7 @@ class Damper(Readable):
         metadata=number("N m s/rad", "for the forced response", at_least=0),
     )
     on_rim: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # 1: on the rim, 0: hub
+    name: str = eqx.field(static=True, default="")  # that of its pulley unless given
 
 
 class Model(Readable):

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from beltjax.drive.components import KINDS, NO_STOPS, ArmSpring, Tensioner
-from beltjax.drive.fields import numbers
 from beltjax.drive.file_tables import (
     ArmTable,
     DriveTable,
@@ -18,6 +17,7 @@ from beltjax.drive.file_tables import (
 )
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
+from beltjax.files.fields import numbers
 from beltjax.files.tables import checked, given_numbers
 
 SINGLE = "tensioner"  # name of the one that [tensioner] describes

@@ -14,11 +14,11 @@ from beltjax.drive.components import (
     Isolator,
     Pulley,
 )
-from beltjax.drive.fields import numbers
 from beltjax.drive.file_bodies import Bodies
 from beltjax.drive.file_tables import DriveTable, PulleyTable
-from beltjax.drive.system import Drive, joined_shafts, repeated_name, span_names
+from beltjax.drive.system import Drive, free_name, joined_shafts, repeated_name, span_names
 from beltjax.files.errors import FileError
+from beltjax.files.fields import numbers
 from beltjax.files.tables import given_numbers
 from beltjax.files.units import shown
 
@@ -236,7 +236,8 @@ def isolators_of(file: DriveTable, wheels: Wheels, path: object) -> list[Isolato
                 )
                 raise FileError(path, f"{key}.{word}", message)
         flags = [float(name in names) for name in wheels.names]
-        made.append(Isolator(flags, **given_numbers(table, Isolator)))
+        name = _own_name(table.name, names[0], [part.name for part in made], key, path)
+        made.append(Isolator(flags, name=name, **given_numbers(table, Isolator)))
     return made
 
 
@@ -244,10 +245,23 @@ def dampers_of(file: DriveTable, wheels: Wheels, path: object) -> list[Damper]:
     """The dampers of a file."""
     made = []
     for place, table in enumerate(file.damper):
-        wheels.require_known(table.pulley, f"damper[{place}].pulley", path)
+        key = f"damper[{place}]"
+        wheels.require_known(table.pulley, f"{key}.pulley", path)
+        name = _own_name(table.name, table.pulley, [part.name for part in made], key, path)
         flags = [float(name == table.pulley) for name in wheels.names]
-        made.append(Damper(flags, on_rim=table.at == "rim", **given_numbers(table, Damper)))
+        on_rim = table.at == "rim"
+        made.append(Damper(flags, on_rim=on_rim, name=name, **given_numbers(table, Damper)))
     return made
+
+
+def _own_name(given: str | None, pulley: str, used: list[str], key: str, path: object) -> str:
+    """The name of an isolator or damper: the one that is given, or one from its pulley."""
+    if given is None:
+        return free_name(pulley, used)
+    _require_word(given, f"{key}.name", path)
+    if given in used:
+        raise FileError(path, f"{key}.name", f"the name {given!r} is used already; give another")
+    return given
 
 
 def pulleys_content(drive: Drive) -> dict[str, Any]:
@@ -261,10 +275,12 @@ def pulleys_content(drive: Drive) -> dict[str, Any]:
     for part in drive.isolators:
         on = [name for name, flag in zip(names, part.pulleys.tolist(), strict=True) if flag]
         where = {"pulley": on[0]} if len(on) == 1 else {"pulleys": on}
-        isolators.append(where | numbers_content(part))
+        isolators.append(_name_content(part.name, on[0]) | where | numbers_content(part))
     for part in drive.dampers:
         at = {"at": "rim"} if float(part.on_rim) else {}
-        dampers.append({"pulley": names[int(np.argmax(part.pulley))]} | at | numbers_content(part))
+        pulley = names[int(np.argmax(part.pulley))]
+        name = _name_content(part.name, pulley)
+        dampers.append(name | {"pulley": pulley} | at | numbers_content(part))
     content = {
         "belt": belts[0] if len(belts) == 1 and "name" not in belts[0] else belts,
         "pulley": [_pulley_content(pulley) for pulley in drive.pulleys],
@@ -272,6 +288,10 @@ def pulleys_content(drive: Drive) -> dict[str, Any]:
         "damper": dampers,
     }
     return {key: value for key, value in content.items() if value}
+
+
+def _name_content(name: str, pulley: str) -> dict[str, str]:
+    return {} if name == pulley else {"name": name}
 
 
 def _pulley_content(pulley: Pulley) -> dict[str, Any]:

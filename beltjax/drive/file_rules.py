@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from beltjax.drive.components import ArmSpring, Tensioner
-from beltjax.drive.fields import Number, numbers
 from beltjax.drive.file_bodies import SINGLE, Bodies
 from beltjax.drive.file_tables import DriveTable, RuleTable
 from beltjax.drive.installation import (
@@ -18,6 +17,7 @@ from beltjax.drive.installation import (
 )
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
+from beltjax.files.fields import Number, numbers
 from beltjax.files.tables import checked
 from beltjax.files.units import shown
 

@@ -1,4 +1,7 @@
-"""The tables of a drive file: their keys, whose numbers are those of the drive's parts."""
+"""The tables of a drive file: their keys, whose numbers are those of the drive's parts.
+
+What each key means stands beside it; `file_reference` makes the documentation from that.
+"""
 
 from typing import Annotated, Any, Literal
 
@@ -6,13 +9,12 @@ import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, Tag
 from pydantic_core import PydanticCustomError
 
-from beltjax.drive.components import Belt, Damper, Isolator, Pulley, Tensioner
+from beltjax.drive.components import ArmSpring, Belt, Damper, Isolator, Pulley, Tensioner
 from beltjax.drive.installation import BeltGiven, TensionGiven
 from beltjax.drive.operation import ExcitationGiven, OperatingPoint
-from beltjax.files.tables import Table, numbers_of, valid
+from beltjax.files.tables import Table, meaning, meaning_of, numbers_of, valid
 from beltjax.files.units import shown, to_si
 
-Kind = Literal["rotary", "linear", "twin-arm"]
 Two = Field(min_length=2, max_length=2)
 
 
@@ -20,19 +22,36 @@ Two = Field(min_length=2, max_length=2)
 class BeltTable(Table):
     """[belt] or [[belt]]."""
 
-    name: str = "belt"
+    name: Annotated[str, meaning("of its own, where there are several")] = "belt"
 
 
 @numbers_of(Pulley)
 class PulleyTable(Table):
     """[[pulley]]."""
 
-    name: str
-    face: Literal["grooved", "back"]
-    driver: bool = False
-    housing: Literal["ground", "arm"] = "ground"
-    belt: str | None = None
-    shaft: str | None = None
+    name: Annotated[str, meaning("of its own")]
+    face: Annotated[
+        Literal["grooved", "back"],
+        meaning('`"grooved"`: inside the loop; `"back"`: on the back of the belt'),
+    ]
+    driver: Annotated[
+        bool, meaning("`true` for exactly one; its motion is given, and it balances the torques")
+    ] = False
+    housing: Annotated[
+        Literal["ground", "arm"],
+        meaning(
+            'what the accessory is bolted to: `"ground"` (default), or `"arm"`, the tensioner that '
+            "carries its pulley, which then feels its torque"
+        ),
+    ] = "ground"
+    belt: Annotated[str | None, meaning("name of its belt, where there are several")] = None
+    shaft: Annotated[
+        str | None,
+        meaning(
+            "name of another pulley on the same shaft (default: a shaft of its own). Both then "
+            "have one center"
+        ),
+    ] = None
 
 
 @numbers_of(
@@ -40,27 +59,44 @@ class PulleyTable(Table):
     "rotary",
     only=("pivot", "stiffness", "inertia", "damping", "stops"),
     required=("pivot",),
+    docs={
+        "pivot": "`[x, y]`; with the pulley's center it gives the arm",
+        "stiffness": "of the spring",
+        "inertia": "of the arm about its pivot, with the mass of its pulley but not that pulley's "
+        "spin",
+        "stops": "`[least, greatest]` direction of the arm, from pivot to pulley",
+    },
 )
 class ArmTable(Table):
     """[tensioner]: one rotary arm, whose stops are directions."""
 
-    pulley: str
+    pulley: Annotated[str, meaning("the name of the pulley it carries")]
 
 
 class CarrierTable(Table):
     """What every [[tensioner]] has."""
 
-    name: str | None = None
-    kind: Kind = "rotary"
-    pulley: str | None = None
-    pulleys: list[str] | None = None
+    name: Annotated[str | None, meaning("of its own, where there are several")] = None
+    kind: Annotated[
+        Literal["rotary", "linear", "twin-arm"],
+        meaning('`"rotary"` (default), `"linear"` or `"twin-arm"`'),
+    ] = "rotary"
+    pulley: Annotated[str | None, meaning("the name of the pulley it carries, or")] = None
+    pulleys: Annotated[
+        list[str] | None,
+        meaning("the names of several, of none (`[]`), or of one on each twin arm"),
+    ] = None
 
 
 class BodyTable(CarrierTable):
     """A [[tensioner]] of one coordinate."""
 
-    on: str | None = None
-    locked: bool = False
+    on: Annotated[
+        str | None, meaning("optional: the name of the tensioner that it sits on, as drawn")
+    ] = None
+    locked: Annotated[bool, meaning("`true` where it is bolted, as a slide or an eccentric")] = (
+        False
+    )
 
 
 @numbers_of(
@@ -95,30 +131,44 @@ def _direction(value: Any) -> list[float]:
 class LinearTable(BodyTable):
     """[[tensioner]] that slides along a line."""
 
-    direction: Annotated[list[float], BeforeValidator(_direction)]
+    direction: Annotated[
+        list[float], BeforeValidator(_direction), meaning_of(Tensioner, "direction")
+    ]
 
 
-@numbers_of(Tensioner, "rotary", only=("pivot", "stiffness", "damping"), required=("pivot",))
+@numbers_of(
+    Tensioner,
+    "rotary",
+    only=("pivot", "stiffness", "damping"),
+    required=("pivot",),
+    docs={"stiffness": "of the spring between the arms", "damping": "between the arms"},
+)
 class TwinArmTable(CarrierTable):
     """[[tensioner]] of two arms about one pivot with a spring between them."""
 
-    ground_stiffness: (
-        Annotated[list[Annotated[float, valid(Tensioner, "stiffness", "rotary")]], Two] | None
-    ) = None
-    ground_damping: (
-        Annotated[list[Annotated[float, valid(Tensioner, "damping", "rotary")]], Two] | None
-    ) = None
-    inertia: (
-        Annotated[list[Annotated[float, valid(Tensioner, "inertia", "rotary")]], Two] | None
-    ) = None
-    stops: (
+    ground_stiffness: Annotated[
+        Annotated[list[Annotated[float, valid(Tensioner, "stiffness", "rotary")]], Two] | None,
+        meaning("optional: of the springs from each arm to the ground", "N m/rad"),
+    ] = None
+    ground_damping: Annotated[
+        Annotated[list[Annotated[float, valid(Tensioner, "damping", "rotary")]], Two] | None,
+        meaning("optional: likewise", "N m s/rad"),
+    ] = None
+    inertia: Annotated[
+        Annotated[list[Annotated[float, valid(Tensioner, "inertia", "rotary")]], Two] | None,
+        meaning("optional: `[J, J]` of the two arms", "kg m^2"),
+    ] = None
+    stops: Annotated[
         Annotated[
             list[Annotated[list[Annotated[float, valid(Tensioner, "stops", "rotary")]], Two]],
             Two,
             BeforeValidator(_of_both_arms),
         ]
-        | None
-    ) = None
+        | None,
+        meaning(
+            "optional: `[least, greatest]`, from the drawn position, of both or of each", "rad"
+        ),
+    ] = None
 
 
 _TABLE_OF_KIND = {"rotary": "RotaryTable", "linear": "LinearTable", "twin-arm": "TwinArmTable"}
@@ -137,51 +187,85 @@ def _one_or_several(value: Any) -> str:
 class ArmSpringTable(Table):
     """[[arm_spring]]; the unit of its numbers is known when its tensioners are."""
 
-    name: str
-    between: Annotated[list[str], Two]
-    stiffness: Any
-    damping: Any = 0.0
+    name: Annotated[str, meaning("of its own, beside those of the tensioners")]
+    between: Annotated[list[str], Two, meaning("names of two tensioners of one kind")]
+    stiffness: Annotated[Any, meaning_of(ArmSpring, "stiffness")]
+    damping: Annotated[Any, meaning_of(ArmSpring, "damping")] = 0.0
 
 
 @numbers_of(Isolator)
 class IsolatorTable(Table):
     """[[isolator]]."""
 
-    pulley: str | None = None
-    pulleys: Annotated[list[str], Field(min_length=1)] | None = None
-    law: str = "spring"
-    one_way: bool = False
-    stops: Any = None
+    name: Annotated[str | None, meaning("optional: of its own; else that of its first pulley")] = (
+        None
+    )
+    pulley: Annotated[str | None, meaning("the name of the pulley whose rim it carries, or")] = None
+    pulleys: Annotated[
+        Annotated[list[str], Field(min_length=1)] | None,
+        meaning("the names of several of one shaft that share a rim"),
+    ] = None
+    law: Annotated[str, meaning('`"spring"` (default)')] = "spring"
+    one_way: Annotated[bool, meaning("`false`")] = False
+    stops: Annotated[Any, meaning("not modeled yet")] = None
 
 
 @numbers_of(Damper)
 class DamperTable(Table):
     """[[damper]]."""
 
-    pulley: str
-    at: Literal["hub", "rim"] = "hub"
+    name: Annotated[str | None, meaning("optional: of its own; else that of its pulley")] = None
+    pulley: Annotated[str, meaning("the name of its pulley")]
+    at: Annotated[Literal["hub", "rim"], meaning('`"hub"` (default) or `"rim"`')] = "hub"
 
 
 @numbers_of(BeltGiven, only=("free_angle",))
 class RuleTable(Table):
     """[installation]; what goes by the names of belts or springs is read when they are known."""
 
-    tension: Any = None
-    tension_of: Literal["belt", "string"] = "belt"
-    belt_length: Any = None
-    span_tensions: list[Annotated[float, valid(TensionGiven, "span_tensions")]] | None = None
-    free: dict[str, Any] | None = None
-    adjust: str | None = None
-    until: dict[str, Any] | None = None
+    tension: Annotated[Any, meaning_of(TensionGiven, "tension")] = None
+    tension_of: Annotated[
+        Literal["belt", "string"],
+        meaning(
+            'beside `tension`: `"belt"` (default), the tension in the middle of the real, stiff '
+            'belt\'s spans at rest; `"string"`, the tension that the same belt would have if it '
+            "did not resist bending. Only [contact mechanics](contact.md) knows the difference"
+        ),
+    ] = "belt"
+    span_tensions: Annotated[
+        list[Annotated[float, valid(TensionGiven, "span_tensions")]] | None,
+        meaning_of(TensionGiven, "span_tensions"),
+    ] = None
+    belt_length: Annotated[Any, meaning_of(BeltGiven, "belt_length")] = None
+    free: Annotated[dict[str, Any] | None, meaning_of(BeltGiven, "free")] = None
+    adjust: Annotated[
+        str | None,
+        meaning(
+            "the name of a locked tensioner that is moved until the belt of this `belt_length` has "
+            "this `tension`, or `until` another stands at its mark; then it is bolted"
+        ),
+    ] = None
+    until: Annotated[
+        dict[str, Any] | None,
+        meaning("beside `adjust`: `{NAME = x}`, where that tensioner stands then", "rad or m"),
+    ] = None
 
 
 @numbers_of(OperatingPoint, without=("torque",))
 class OperationTable(Table):
     """[operation]."""
 
-    travel: Literal["listed", "opposite"] = "listed"
+    travel: Annotated[
+        Literal["listed", "opposite"],
+        meaning(
+            '`"listed"` (default) or `"opposite"`: the sense in which the belt runs. Let it reach '
+            "the tensioner from the driver: that side is slack"
+        ),
+    ] = "listed"
     torque: Annotated[
-        dict[str, Annotated[float, valid(OperatingPoint, "torque")]], Field(default_factory=dict)
+        dict[str, Annotated[float, valid(OperatingPoint, "torque")]],
+        Field(default_factory=dict),
+        meaning_of(OperatingPoint, "torque"),
     ]
 
 
@@ -190,16 +274,26 @@ class ExcitationTable(Table):
     """[excitation]."""
 
     torque: Annotated[
-        dict[str, Annotated[float, valid(ExcitationGiven, "torque")]], Field(default_factory=dict)
+        dict[str, Annotated[float, valid(ExcitationGiven, "torque")]],
+        Field(default_factory=dict),
+        meaning_of(ExcitationGiven, "torque"),
     ]
 
 
 class ModelTable(Table):
     """[model]; what is left out is off in files of schema 1 and on in those of schema 2."""
 
-    arm_curvature: bool | None = None
-    stretching_arcs: bool | None = None
-    belt_inertia: bool | None = None
+    arm_curvature: Annotated[
+        bool | None,
+        meaning("the curvature of the tensioners' paths adds to the stiffness of their motion"),
+    ] = None
+    stretching_arcs: Annotated[
+        bool | None, meaning("the belt stretches on the pulleys, too, and not on the spans alone")
+    ] = None
+    belt_inertia: Annotated[
+        bool | None,
+        meaning("the belt's inertia along its path, which moves with the pulleys' rotation"),
+    ] = None
 
 
 OneBody = Annotated[
@@ -218,9 +312,20 @@ OneBody = Annotated[
 class DriveTable(Table):
     """A drive file."""
 
-    schema_: Annotated[Literal[1, 2], Field(alias="schema")] = 1
-    name: str = "drive"
-    listed: Any = None
+    schema_: Annotated[
+        Literal[1, 2],
+        Field(alias="schema"),
+        meaning("version of the format: 1 or 2. They differ in what `[model]` leaves out"),
+    ] = 1
+    name: Annotated[str, meaning("of the drive, for tables and pictures")] = "drive"
+    listed: Annotated[
+        Any,
+        meaning(
+            '`"counterclockwise"` or `"clockwise"`: the sense in which the pulleys are listed; of '
+            "several belts a table by their names. May be left out where only one sense gives a "
+            "simple path"
+        ),
+    ] = None
     belt: Annotated[
         Annotated[BeltTable, Tag("OneTable")] | Annotated[list[BeltTable], Tag("SeveralTable")],
         Discriminator(_one_or_several),

@@ -1,5 +1,6 @@
 """Drive files: TOML in and out."""
 
+import dataclasses
 import os
 from typing import Any
 
@@ -23,6 +24,7 @@ from beltjax.drive.file_pulleys import (
 )
 from beltjax.drive.file_rules import installation_content, read_installation
 from beltjax.drive.file_tables import DriveTable, ModelTable, OperationTable
+from beltjax.drive.file_units import units_used
 from beltjax.drive.operation import ExcitationGiven, OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
@@ -65,6 +67,7 @@ def load_drive(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint]:
         model=_model(file),
         name=file.name,
     )
+    drive = dataclasses.replace(drive, units=units_used(content, drive))
     return require_possible_layout(drive, listed, path), _operating_point(file)
 
 

@@ -4,8 +4,8 @@ import equinox as eqx
 from jaxtyping import Array, Float
 
 from beltjax.drive.components import COORDINATE, TENSIONS_OF, as_flags, as_optional, as_real
-from beltjax.drive.fields import number
 from beltjax.drive.readable import Readable
+from beltjax.files.fields import number
 
 _TENSION = number(
     "N",

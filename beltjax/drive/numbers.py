@@ -1,45 +1,244 @@
-"""Every scalar number of a drive and its operating point by its key in the drive file."""
+"""Every number of a drive and its operating point, by its key in the drive file.
+
+The keys are found by walking the drive; what each number is stands on its field (`fields`). A key
+reads "pulley.NAME.radius", "pulley.NAME.center.x", "operation.torque.NAME"; where there is one belt
+or one tensioner, its name may be left out.
+"""
 
 import dataclasses
 import difflib
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple, cast
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
-from beltjax.drive.components import concrete
+from beltjax.drive.canonical import canonical_drive
+from beltjax.drive.components import KINDS, ArmSpring, concrete
+from beltjax.drive.installation import BeltGiven
+from beltjax.drive.layout import turned
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
-from beltjax.drive.variables import unit_of, value_of, variable_names, with_values, wound_alike
+from beltjax.files.fields import Number, number, numbers
+from beltjax.files.units import in_unit
 
 TORQUE = "operation.torque."
 SPEEDS = ("operation.belt_speed", "operation.driver_speed")
+_ANGLE, _ARM_LENGTH = ".angle", ".arm_length"
+# What an arm's pivot says again, in the numbers that a designer turns.
+_OF_ARMS = {
+    _ANGLE: number("rad", "the tensioner turned as a whole about its pulleys' center, from 0")[
+        "number"
+    ],
+    _ARM_LENGTH: number("m", "from the pivot to the pulleys' center", above=0)["number"],
+}
 _FEW = ("operation.belt_speed", "belt.bending_stiffness", "installation.tension")
+
+Numbers = tuple[Drive, OperatingPoint]
+
+
+class Place(NamedTuple):
+    """Where a number, or an array of them, stands in a drive."""
+
+    key: str
+    fact: Number
+    kind: str | None  # of the tensioner that the number belongs to, where it is known
+    at: Callable[[Drive], Any]  # the array in the drive
+    part: int | None = None  # which number of that array; None: all of it
+    silent: bool = False  # the file need not say it: it is as it is by default
+
+    def read(self, drive: Drive) -> Array:
+        """The number or the array."""
+        found = self.at(drive)
+        return found if self.part is None else found[..., self.part]
+
+    def put(self, drive: Drive, value: Any) -> Drive:
+        """`drive` with another number there."""
+        if self.part is not None:
+            value = self.at(drive).at[..., self.part].set(value)
+        return eqx.tree_at(self.at, drive, value)
+
+
+def _places(drive: Drive) -> Iterator[Place]:
+    """All numbers of a drive; vectors that have a direction as a whole."""
+    single = len(drive.belts) == 1
+    for i, belt in enumerate(drive.belts):
+        yield from _of_part("belt" if single else f"belt.{belt.name}", belt, "belts", i)
+    for i, pulley in enumerate(drive.pulleys):
+        yield from _of_part(f"pulley.{pulley.name}", pulley, "pulleys", i)
+    kinds = [kind_of(body) for body in drive.tensioners]
+    for i, body in enumerate(drive.tensioners):
+        yield from _of_part(tensioner_key(drive, i), body, "tensioners", i, kinds[i])
+    for i, spring in enumerate(drive.arm_springs):
+        kinds.append(_kind_between(spring, kinds))
+        yield from _of_part(f"arm_spring.{spring.name}", spring, "arm_springs", i, kinds[-1])
+    for i, part in enumerate(drive.isolators):
+        yield from _of_part(f"isolator.{part.name}", part, "isolators", i)
+    for i, part in enumerate(drive.dampers):
+        yield from _of_part(f"damper.{part.name}", part, "dampers", i)
+    yield from _of_installation(drive, kinds)
+
+
+def tensioner_key(drive: Drive, place: int) -> str:
+    """The key of the table of a tensioner: "tensioner" for the one that [tensioner] describes."""
+    name = drive.tensioners[place].name
+    return (
+        "tensioner" if len(drive.tensioners) == 1 and name == "tensioner" else f"tensioner.{name}"
+    )
+
+
+def kind_of(body: Any) -> str | None:
+    """The kind of a tensioner as a word; None while JAX traces or batches it."""
+    sign = concrete(body.kind)
+    if sign is None or sign.ndim:
+        return None
+    return next(kind for kind, value in KINDS.items() if value == sign)
+
+
+def _kind_between(spring: ArmSpring, kinds: Sequence[str | None]) -> str | None:
+    """The kind of the two tensioners that a spring joins; None while JAX traces it."""
+    flags = concrete(spring.between)
+    return None if flags is None or flags.ndim != 1 else kinds[int(np.argmax(flags != 0))]
+
+
+def _of_part(
+    prefix: str, part: Any, group: str, place: int, kind: str | None = None
+) -> Iterator[Place]:
+    for name, fact in numbers(type(part)).items():
+        if getattr(part, name) is None or (kind and fact.kinds and kind not in fact.kinds):
+            continue
+
+        def at(drive: Drive, name: str = name) -> Any:
+            return getattr(getattr(drive, group)[place], name)
+
+        yield Place(f"{prefix}.{name}", fact, kind, at, silent=_silent(part, name))
+
+
+def _silent(part: Any, name: str) -> bool:
+    """Whether a number of a part is what it is where a file does not say it."""
+    fact = numbers(type(part))[name]
+    if fact.beside is not None:
+        return _silent(part, fact.beside)
+    field = next(field for field in dataclasses.fields(part) if field.name == name)
+    value, default = concrete(getattr(part, name)), cast(Any, field.default)
+    if fact.required or fact.kinds or value is None or default is None:
+        return False
+    return np.array_equal(value, np.broadcast_to(default, value.shape))
+
+
+def _of_installation(drive: Drive, kinds: Sequence[str | None]) -> Iterator[Place]:
+    rule = drive.installation
+    parts = {"free": [part.name for part in (*drive.tensioners, *drive.arm_springs)]}
+    if len(drive.belts) > 1:
+        belts = [belt.name for belt in drive.belts]
+        parts |= {"tension": belts, "belt_length": belts}
+    for name, fact in numbers(type(rule)).items():
+        value = getattr(rule, name)
+        if value is None:
+            continue
+
+        def at(drive: Drive, name: str = name) -> Any:
+            return getattr(drive.installation, name)
+
+        key = f"installation.{'until' if name == 'mark' else name}"
+        if name not in parts:
+            yield Place(key, fact, None, at)
+            continue
+        known = concrete(value)
+        for i, part in enumerate(parts[name]):
+            if known is None or known.ndim != 1 or not np.isnan(known[i]):
+                kind = kinds[i] if name == "free" else None
+                yield Place(f"{key}.{part}", fact, kind, at, i)
+
+
+def _scalars(drive: Drive) -> Iterator[Place]:
+    """All single numbers of a drive, the parts of vectors among them."""
+    for place in _places(drive):
+        for i, part in enumerate(place.fact.parts):
+            yield place._replace(key=f"{place.key}.{part}", part=i)
+        if place.part is not None or (place.fact.rank == 0 and not place.fact.parts):
+            yield place
+
+
+def _by_key(drive: Drive) -> dict[str, Place]:
+    return {place.key: place for place in _scalars(drive)}
+
+
+def _arms(drive: Drive) -> list[int]:
+    """Places of the tensioners that turn and carry pulleys, or may while JAX traces them."""
+    found = []
+    for place, body in enumerate(drive.tensioners):
+        flags = [concrete(pulley.on) for pulley in drive.pulleys]
+        carries = any(flag is None or flag.ndim > 1 or flag[place] for flag in flags)
+        if kind_of(body) in (None, "rotary") and carries:
+            found.append(place)
+    return found
+
+
+def _arm_keys(drive: Drive) -> dict[str, int]:
+    """Places of the tensioners that each key of a relative number belongs to."""
+    return {tensioner_key(drive, place) + end: place for place in _arms(drive) for end in _OF_ARMS}
+
+
+def is_relative(name: str) -> bool:
+    """Whether a number says again what the pivot of an arm says: its angle or its length."""
+    return name.startswith("tensioner.") and name.endswith((_ANGLE, _ARM_LENGTH))
+
+
+def moved_with(name: str) -> set[str]:
+    """Keys of the numbers that describe the arm to which a relative number belongs."""
+    arm = name.removesuffix(_ANGLE).removesuffix(_ARM_LENGTH)
+    return {arm + end for end in (_ANGLE, _ARM_LENGTH, ".pivot.x", ".pivot.y")}
+
+
+def full_key(drive: Drive, name: str) -> str:
+    """`name` as the drive's own key, in which the name of an only belt or tensioner may differ."""
+    words = name.split(".")
+    if name in {*_by_key(drive), *_arm_keys(drive)}:
+        return name
+    if words[0] == "tensioner" and len(drive.tensioners) == 1:
+        own = drive.tensioners[0].name
+        return (
+            f"{tensioner_key(drive, 0)}.{name.removeprefix('tensioner.').removeprefix(own + '.')}"
+        )
+    if words[0] == "belt" and len(drive.belts) == 1:
+        return f"belt.{name.removeprefix('belt.').removeprefix(drive.belt.name + '.')}"
+    if words[:2] in (["installation", "tension"], ["installation", "belt_length"]):
+        return name.removesuffix(f".{drive.belt.name}") if len(drive.belts) == 1 else name
+    return name
+
+
+def variable_names(drive: Drive) -> list[str]:
+    """Keys of all numbers of this drive that a study may choose."""
+    names = [place.key for place in _scalars(drive) if place.fact.design]
+    return [*names, *_arm_keys(drive)]
 
 
 def number_names(drive: Drive) -> list[str]:
-    """Keys of the numbers that `with_number` sets.
+    """Keys of the numbers that this drive has, and of speeds and torques.
 
-    Beside the design variables: inertias, friction, rims, damping, the pivot's parts, the speed of
-    belt or driver (whichever the file gives, either may be set) and the accessories' torques.
+    Numbers that are as they are by default are left out, though they may be set. Either of the
+    speeds may be, whichever the file gives.
     """
-    names = variable_names(drive)
-    names += _given("belt", drive.belt, ("thickness",))
-    for pulley in drive.pulleys:
-        names += _given(f"pulley.{pulley.name}", pulley, ("inertia", "friction", "rim_radius"))
-    if drive.tensioner is not None:
-        names += ["tensioner.pivot.x", "tensioner.pivot.y"]
-        names += _given("tensioner", drive.tensioner, ("inertia", "damping"))
-    torques = [TORQUE + pulley.name for pulley in drive.pulleys if _takes_torque(pulley)]
-    return [*names, *SPEEDS, *torques]
+    names = [place.key for place in _scalars(drive) if not place.silent]
+    torques = [TORQUE + name for name in _takers(drive)]
+    return [*names, *_arm_keys(drive), *SPEEDS, *torques]
+
+
+def _takers(drive: Drive) -> list[str]:
+    """Names of the pulleys that are not on the driver's shaft, or may not be while JAX traces."""
+    drives = [concrete(pulley.driver) for pulley in drive.pulleys]
+    held = {k for shaft in drive.shafts if any(drives[k] for k in shaft) for k in shaft}
+    return [name for place, name in enumerate(drive.pulley_names) if place not in held]
 
 
 def require_number(drive: Drive, name: str) -> None:
     """Raise `ValueError`, with some of the keys there are, unless `name` is one of them."""
     names = number_names(drive)
-    if name in names:
+    if full_key(drive, name) in {*names, *_by_key(drive)}:
         return
     close = difflib.get_close_matches(name, names, n=3)
     known = close or [key for key in _FEW if key in names] + [
@@ -48,98 +247,199 @@ def require_number(drive: Drive, name: str) -> None:
     raise ValueError(f"there is no number {name!r} to vary; give for instance {', '.join(known)}")
 
 
-def unit_of_number(name: str) -> str:
-    """SI unit of a number of a drive file; empty for a pure number."""
-    return "N m" if name.startswith(TORQUE) else unit_of(name)
-
-
-def with_number(
-    drive: Drive, point: OperatingPoint, name: str, value: Float[Array, ""]
-) -> tuple[Drive, OperatingPoint]:
-    """The drive and its operating point with one number set [SI].
-
-    A design variable moves what goes with it, as in `with_values`: `tensioner.angle` turns the
-    tensioner about the center of its pulley, starting from 0 as drawn. A speed replaces the
-    other one.
-    """
-    if name.startswith(TORQUE):
-        torque = point.torque | {name.removeprefix(TORQUE): value}
-        return drive, dataclasses.replace(point, torque=torque)
-    if name in SPEEDS:
-        chosen = {"belt_speed": None, "driver_speed": None, name.split(".")[1]: value}
-        return drive, dataclasses.replace(point, **chosen)
-    if name in variable_names(drive):
-        return with_values(drive, {name: value}), point
-    return _with_field(drive, name.split("."), value), point
-
-
-def _given(table: str, part: Any, fields: tuple[str, ...]) -> list[str]:
-    return [f"{table}.{field}" for field in fields if getattr(part, field) is not None]
-
-
-def _takes_torque(pulley: Any) -> bool:
-    """Whether a pulley is neither the driver, which balances torques, nor an idler on the arm.
-
-    While JAX traces which of them it is, any pulley may take one.
-    """
-    flags = [concrete(flag) for flag in (pulley.driver, pulley.on_arm)]
-    return all(flag is None or not flag for flag in flags)
-
-
-def _with_field(drive: Drive, words: list[str], value: Float[Array, ""]) -> Drive:
-    """A field that nothing else moves with; the pivot's x or y keeps the other."""
-    if words[:2] == ["tensioner", "pivot"]:
-        assert drive.tensioner is not None  # or the name would not be known
-        pivot = drive.tensioner.pivot.at["xy".index(words[2])].set(value)
-        moved = eqx.tree_at(lambda d: d.tensioner.pivot, drive, pivot)
-        return wound_alike(moved, drive, jnp.zeros(()))
-    if words[0] == "pulley":
-        i = drive.pulley(words[1])
-        return eqx.tree_at(lambda d: getattr(d.pulleys[i], words[2]), drive, value)
-    return eqx.tree_at(lambda d: getattr(getattr(d, words[0]), words[1]), drive, value)
-
-
 def require_numbers(drive: Drive, names: Sequence[str]) -> None:
     """Raise `ValueError` unless all `names` are numbers of this drive that may be set together."""
     for name in names:
         require_number(drive, name)
-    repeated = sorted({name for name in names if names.count(name) > 1})
+    full = [full_key(drive, name) for name in names]
+    repeated = sorted({name for name in names if full.count(full_key(drive, name)) > 1})
     if repeated:
         raise ValueError(f"{repeated[0]!r} is given twice; remove one of them")
-    if set(SPEEDS) <= set(names):
+    if set(SPEEDS) <= set(full):
         raise ValueError(f"{SPEEDS[0]} and {SPEEDS[1]} are one speed; give one of them")
+
+
+def fact_of(drive: Drive, name: str) -> tuple[Number, str | None]:
+    """What is known of a number by its field, and the kind of tensioner that it belongs to.
+
+    Raises `KeyError` for a number that the drive does not have.
+    """
+    key = full_key(drive, name)
+    if key in _arm_keys(drive):
+        return next(fact for end, fact in _OF_ARMS.items() if key.endswith(end)), None
+    if key.startswith("operation."):
+        field = "torque" if key.startswith(TORQUE) else key.removeprefix("operation.")
+        return numbers(OperatingPoint)[field], None
+    place = _by_key(drive)[key]
+    return place.fact, place.kind
+
+
+def unit_of(drive: Drive, name: str) -> str:
+    """SI unit of a number of this drive; empty for a pure number."""
+    fact, kind = fact_of(drive, name)
+    return fact.unit_for(kind)
+
+
+def in_unit_of_file(drive: Drive, name: str, value: float) -> tuple[float, str]:
+    """A value [SI] of a number of the drive in the unit in which its file gives the number."""
+    key = full_key(drive, name)
+    si, unit = unit_of(drive, key), drive.units.get(key)
+    return (value, si) if unit is None else (in_unit(value, si, unit), unit)
+
+
+def known_keys(drive: Drive) -> set[str]:
+    """Keys of all numbers that may be set."""
+    torques = [TORQUE + name for name in drive.pulley_names]
+    return {*_by_key(drive), *_arm_keys(drive), *SPEEDS, *torques}
+
+
+def canonical_key(drive: Drive, name: str) -> str:
+    """The key that a number of `drive` has in its canonical form."""
+    key, there = full_key(drive, name), canonical_drive(drive)
+    pairs = [*zip(_arm_keys(drive), _arm_keys(there), strict=True)]
+    pairs += zip(_by_key(drive), _by_key(there), strict=True)
+    torques = [[TORQUE + pulley for pulley in d.pulley_names] for d in (drive, there)]
+    return dict([*pairs, *zip(*torques, strict=True)]).get(key, key)
+
+
+def with_number(drive: Drive, point: OperatingPoint, name: str, value: Float[Array, ""]) -> Numbers:
+    """`with_numbers` for one number."""
+    return with_numbers(drive, point, {name: value})
 
 
 def with_numbers(
     drive: Drive, point: OperatingPoint, values: Mapping[str, Float[Array, ""]]
-) -> tuple[Drive, OperatingPoint]:
-    """`with_number` for several numbers, whose order does not matter.
+) -> Numbers:
+    """The drive and its operating point with some numbers set [SI], in any order.
 
-    The tensioner's pivot goes first, then the design variables as in `with_values`, so that the
-    tensioner is turned with the pivot it was given; then the rest, rims among them.
+    A pulley's rim keeps its distance from the neutral axis unless it is set. "tensioner.angle"
+    turns a tensioner as a whole, with the free angle of its spring, about the center of its
+    pulleys, from 0 as drawn and with the pivot that it was given; "tensioner.arm_length" moves the
+    pivot along the arm. A speed replaces the other one.
     """
-    drawn = variable_names(drive)
-    pivot = [name for name in values if name.startswith("tensioner.pivot.")]
-    for name in pivot:
-        drive, point = with_number(drive, point, name, values[name])
-    drive = with_values(drive, {name: x for name, x in values.items() if name in drawn})
-    for name in sorted(set(values) - set(drawn) - set(pivot)):
-        drive, point = with_number(drive, point, name, values[name])
-    return drive, point
+    values = {full_key(drive, name): value for name, value in values.items()}
+    for name, value in values.items():
+        if name.startswith(TORQUE):
+            torque = point.torque | {name.removeprefix(TORQUE): value}
+            point = dataclasses.replace(point, torque=torque)
+        elif name in SPEEDS:
+            chosen = {"belt_speed": None, "driver_speed": None, name.split(".")[1]: value}
+            point = dataclasses.replace(point, **chosen)
+    of_drive = {name: x for name, x in values.items() if not name.startswith("operation.")}
+    return with_values(drive, of_drive), point
+
+
+def with_values(drive: Drive, values: Mapping[str, Float[Array, ""]]) -> Drive:
+    """The drive with some of its own numbers set, as `with_numbers` does; `KeyError` for others."""
+    drawn = drive
+    values = {full_key(drive, name): value for name, value in values.items()}
+    places, arms = _by_key(drive), _arm_keys(drive)
+    for name in sorted(values.keys() - arms.keys(), key=lambda name: (_is_rim(name), name)):
+        drive = _with_rim(drive, name, values[name])
+        drive = places[name].put(drive, values[name])
+    turn = jnp.zeros(())
+    for name in sorted(values.keys() & arms.keys()):  # angles before lengths
+        if name.endswith(_ANGLE):
+            turn = values[name]
+            drive = _with_tensioner_turned(drive, arms[name], turn)
+        else:
+            arm, body = _arm(drive, arms[name]), arms[name]
+            longer = arm * values[name] / jnp.sqrt(jnp.sum(arm**2))
+            drive = _with_pivot(drive, body, drive.tensioners[body].pivot + arm - longer)
+    return _wound_alike(drive, drawn, turn)
+
+
+def value_of(drive: Drive, name: str) -> Float[Array, ""]:
+    """Value of a number of `drive` [SI]; an angle of a tensioner is relative and hence 0."""
+    key, arms = full_key(drive, name), _arm_keys(drive)
+    if key in arms:
+        if key.endswith(_ANGLE):
+            return jnp.zeros(())
+        return jnp.sqrt(jnp.sum(_arm(drive, arms[key]) ** 2))
+    return _by_key(drive)[key].read(drive)
 
 
 def number_value(drive: Drive, point: OperatingPoint, name: str) -> Float[Array, ""]:
-    """What `with_number` would have to be given to change nothing [SI]; 0 for "tensioner.angle"."""
-    words = name.split(".")
+    """What `with_number` would have to be given to change nothing [SI]."""
     if name.startswith(TORQUE):
         return point.torque.get(name.removeprefix(TORQUE), jnp.zeros(()))
     if name in SPEEDS:
         speed = point.speed(drive)
         return speed if name == SPEEDS[0] else speed / (drive.drives @ drive.radii)
-    if name in variable_names(drive):
-        return value_of(drive, name)
-    if words[:2] == ["tensioner", "pivot"]:
-        assert drive.tensioner is not None  # or the name would not be known
-        return drive.tensioner.pivot["xy".index(words[2])]
-    part = drive.pulleys[drive.pulley(words[1])] if words[0] == "pulley" else None
-    return getattr(part or getattr(drive, words[0]), words[-1])
+    return value_of(drive, name)
+
+
+def named_numbers(
+    drive: Drive, point: OperatingPoint, of: Numbers | None = None
+) -> dict[str, Array]:
+    """Every number of a drive and its operating point, by its key in the drive file.
+
+    Vectors are whole: "pulley.NAME.center". A gradient of a drive is a drive, so this names the
+    parts of a gradient too, with `of` the drive and point whose numbers it is by.
+    """
+    keyed, running = (drive, point) if of is None else of
+    found = {place.key: place.read(drive) for place in _places(keyed) if not place.silent}
+    for name in numbers(OperatingPoint):
+        if name != "torque" and getattr(running, name) is not None:
+            found[f"operation.{name}"] = getattr(point, name)
+    return found | {TORQUE + name: point.torque[name] for name in running.torque}
+
+
+def _is_rim(name: str) -> bool:
+    return name.endswith(".rim_radius")
+
+
+def _with_rim(drive: Drive, name: str, radius: Float[Array, ""]) -> Drive:
+    """`drive`, the rim of a pulley kept at its distance from the neutral axis at `radius`."""
+    if not (name.startswith("pulley.") and name.endswith(".radius")):
+        return drive
+    i = drive.pulley(name.removeprefix("pulley.").removesuffix(".radius"))
+    pulley = drive.pulleys[i]
+    if pulley.rim_radius is None:
+        return drive
+    rim = pulley.rim_radius + radius - pulley.radius
+    return eqx.tree_at(lambda d: d.pulleys[i].rim_radius, drive, rim)
+
+
+def _center(drive: Drive, body: int) -> Float[Array, "2"]:
+    """Middle of the pulleys that a tensioner carries, as drawn."""
+    carries = jax.lax.stop_gradient(jnp.stack([pulley.on[body] for pulley in drive.pulleys]))
+    return carries @ drive.centers / jnp.maximum(jnp.sum(carries), 1.0)
+
+
+def _arm(drive: Drive, body: int) -> Float[Array, "2"]:
+    """From the pivot of a tensioner to the middle of its pulleys, as drawn."""
+    return _center(drive, body) - drive.tensioners[body].pivot
+
+
+def _with_pivot(drive: Drive, body: int, pivot: Float[Array, "2"]) -> Drive:
+    return eqx.tree_at(lambda d: d.tensioners[body].pivot, drive, pivot)
+
+
+def _with_tensioner_turned(drive: Drive, body: int, angle: Float[Array, ""]) -> Drive:
+    center, part = _center(drive, body), drive.tensioners[body]
+    drive = _with_pivot(drive, body, center - turned(center - part.pivot, angle))
+    heavy = jax.lax.stop_gradient(part.mass) > 0
+    around = jnp.where(heavy, center - turned(center - part.mass_center, angle), part.mass_center)
+    drive = eqx.tree_at(lambda d: d.tensioners[body].mass_center, drive, around)
+    rule = drive.installation
+    if isinstance(rule, BeltGiven) and rule.free_angle is not None:
+        free = rule.free_angle + angle
+        drive = eqx.tree_at(lambda d: d.installation.free_angle, drive, free)
+    return drive
+
+
+def _wound_alike(drive: Drive, before: Drive, turned: Float[Array, ""]) -> Drive:
+    """`drive`, whose free angle has jumped with its drawn arm since `before`.
+
+    The drawn arm's direction is between -180 and 180 degrees. A move across that cut, beside the
+    angle by which the tensioner was `turned`, must not wind the spring by a whole turn.
+    """
+    rule = drive.installation
+    if not isinstance(rule, BeltGiven) or rule.free_angle is None:
+        return drive
+    arms = (_arm(drive, 0), _arm(before, 0))
+    now, then = (jnp.arctan2(arm[1], arm[0]) for arm in arms)
+    turns = jnp.round((now - then - turned) / (2 * jnp.pi))
+    free = rule.free_angle + 2 * jnp.pi * jax.lax.stop_gradient(turns)
+    return eqx.tree_at(lambda d: d.installation.free_angle, drive, free)

@@ -6,10 +6,10 @@ import equinox as eqx
 from jaxtyping import Array, Float
 
 from beltjax.drive.components import TRAVELS, as_optional, as_real, as_travel
-from beltjax.drive.fields import number
 from beltjax.drive.readable import Readable
 from beltjax.drive.shafts import transmission
 from beltjax.drive.system import Drive
+from beltjax.files.fields import number
 
 
 class ExcitationGiven(Readable):

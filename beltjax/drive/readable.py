@@ -2,6 +2,7 @@
 
 import dataclasses
 import html
+import re
 import typing
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
@@ -11,41 +12,14 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
+from beltjax.drive.units_of_file import UnitsOfFile
+from beltjax.files.fields import numbers
 from beltjax.results import RESULTS, code, outcomes
 
 _LONGEST = 8  # numbers of an array that are shown
 
-# SI unit of each number, by the last word of its name; the rest are pure numbers.
-UNITS = {
-    "radius": "m",
-    "x": "m",
-    "y": "m",
-    "angle": "rad",
-    "arm_length": "m",
-    "stiffness": "N m/rad",
-    "tension": "N",
-    "belt_length": "m",
-    "free_angle": "rad",
-    "axial_stiffness": "N",
-    "bending_stiffness": "N m^2",
-    "mass_per_length": "kg/m",
-    "thickness": "m",
-    "inertia": "kg m^2",
-    "friction": "",
-    "rim_radius": "m",
-    "damping": "N m s/rad",
-    "belt_speed": "m/s",
-    "driver_speed": "rad/s",
-}
-# And of what only results hold.
+# SI unit of what results hold; that of a drive's numbers stands on their fields.
 _UNITS_OF_RESULTS = {
-    "center": "m",
-    "pivot": "m",
-    "stops": "rad",
-    "crank": "rad",
-    "torque": "N m",
-    "span_tensions": "N",
-    "mass_flow": "kg/s",
     "span_lengths": "m",
     "unstretched_span_lengths": "m",
     "wraps": "rad",
@@ -53,6 +27,7 @@ _UNITS_OF_RESULTS = {
     "adhesions": "rad",
     "arc_lengths": "m",
     "path_length": "m",
+    "path_lengths": "m",
     "arm_angle": "rad",
     "alignment": "rad",
     "tensions": "N",
@@ -82,6 +57,16 @@ class Readable(eqx.Module):
     # Signs that stand for words, by the name of the field.
     words: ClassVar[Mapping[str, Mapping[str, float]]] = {}
 
+    def unit_of_row(self, field: str, key: str | None = None) -> str:
+        """SI unit of what a field holds, in a dictionary at `key`; empty for pure numbers."""
+        fact = numbers(type(self)).get(field)
+        if fact is None:
+            return _UNITS_OF_RESULTS.get(field, "")
+        if isinstance(fact.unit, str):
+            return fact.unit
+        kind = _word(self, "kind", getattr(self, "kind", None))
+        return fact.unit[kind] if kind else ""
+
     def __repr__(self) -> str:
         if not _is_plain(self):
             return eqx.tree_pformat(self)
@@ -106,7 +91,7 @@ def _is_plain(module: eqx.Module) -> bool:
             value, rank = code(value), 0
         else:
             rank = _rank(field.type)
-        if isinstance(value, str):
+        if isinstance(value, str) or field.metadata.get("static"):
             continue
         for leaf in jax.tree.leaves(value):
             if isinstance(leaf, Tracer) or not isinstance(leaf, _NUMBERS | str):
@@ -126,7 +111,9 @@ def _rank(kind: Any) -> int | None:
     if typing.get_args(kind) and type(None) in typing.get_args(kind):
         return None
     shape = getattr(kind, "dim_str", None)
-    return None if shape is None or "..." in shape else len(shape.split())
+    if shape is None or "..." in shape or "*" in shape:
+        return None
+    return len(shape.split())
 
 
 def _parts(value: Any) -> tuple[Any, ...]:
@@ -136,24 +123,38 @@ def _parts(value: Any) -> tuple[Any, ...]:
 
 def _rows(module: Readable) -> Iterator[tuple[str, str, str]]:
     """Name, value and unit of what a module holds."""
+    kind = _word(module, "kind", getattr(module, "kind", None))
     for field in dataclasses.fields(module):
         name, value = field.name, getattr(module, field.name)
+        fact = numbers(type(module)).get(name)
+        if isinstance(value, UnitsOfFile) or (fact and fact.kinds and kind not in fact.kinds):
+            continue
         if isinstance(value, dict):
             for key, item in value.items():
-                # The values of design variables have each their own unit.
-                yield f"{name} {key}", *_told(key if name == "values" else name, item)
+                yield f"{name} {key}", *_told(item, module.unit_of_row(name, key))
             continue
         for part in _parts(value):
             if isinstance(part, Readable) and _is_of_drive(part) and _is_of_drive(module):
-                one = f"{type(part).__name__.lower()} {getattr(part, 'name', '')}"
-                label = name if part is value else one.rstrip()
-                yield label, ", ".join(_inline(part)), ""
+                label = name if part is value else _label(part, _parts(value))
+                yield label, ", ".join(_inline(part, module)), ""
             elif part is not None and part is not value:
                 yield name, _counted(value), ""
                 break
-            elif part is not None:
+            elif part is not None and _is_shown(part):
                 sign = _word(module, name, part)
-                yield (name, sign, "") if sign else (name, *_told(name, part))
+                yield (name, sign, "") if sign else (name, *_told(part, module.unit_of_row(name)))
+
+
+def _label(part: Readable, among: tuple[Any, ...]) -> str:
+    """What a part is called: "belt", "pulley idler", "arm spring twin"."""
+    word = re.sub(r"(?<!^)(?=[A-Z])", " ", type(part).__name__).lower()
+    name = getattr(part, "name", "")
+    return word if len(among) == 1 and name in ("", word) else f"{word} {name}"
+
+
+def _is_shown(value: Any) -> bool:
+    """Whether a value is no empty text or array."""
+    return bool(value) if isinstance(value, str) else np.size(value) > 0
 
 
 def _is_of_drive(module: Readable) -> bool:
@@ -161,20 +162,54 @@ def _is_of_drive(module: Readable) -> bool:
     return type(module).__module__.startswith("beltjax.drive.")
 
 
-def _inline(module: Readable) -> Iterator[str]:
-    """What a part holds, in words of one line; its name stands before them."""
-    for name, value, unit in _rows(module):
-        if name != "name" and not (name in ("driver", "housed") and value == "0"):
-            flag = name in ("driver", "housed")
-            yield name if flag else f"{name} {value} {unit}".rstrip()
+def _inline(part: Readable, whole: Readable) -> Iterator[str]:
+    """What a part of `whole` holds, in words of one line; its name stands before them."""
+    defaults = {field.name: field.default for field in dataclasses.fields(part)}
+    for name, value, unit in _rows(part):
+        held = getattr(part, name, None)
+        if name in _PLACES:
+            marked = _marked(whole, name, held)
+            yield from [f"{name} {', '.join(part.name for part in marked)}"] * bool(marked)
+        elif name in _FLAGS:
+            yield from [name] * bool(np.any(held))
+        elif name != "name" and (name in part.words or not _is_default(held, defaults.get(name))):
+            # The unit of a spring between two tensioners is that of either's own.
+            ends = _marked(whole, "between", getattr(part, "between", ()))
+            yield f"{name} {value} {ends[0].unit_of_row(name) if ends else unit}".rstrip()
+
+
+# Fields that mark places with ones, and the list of the drive that has them.
+_PLACES = {
+    "on": "tensioners",
+    "between": "tensioners",
+    "adjusted": "tensioners",
+    "marked": "tensioners",
+    "pulleys": "pulleys",
+    "pulley": "pulleys",
+}
+_FLAGS = ("driver", "housed", "locked", "on_rim")
+
+
+def _marked(whole: Readable, field: str, flags: Any) -> list[Any]:
+    """What the flags of a part mark in the `whole`."""
+    parts = getattr(whole, _PLACES[field], ())
+    return [part for part, flag in zip(parts, np.ravel(flags), strict=False) if flag]
+
+
+def _is_default(value: Any, default: Any) -> bool:
+    """Whether numbers are those that a field has where none are given."""
+    if not isinstance(default, float | tuple):
+        return False
+    return np.array_equal(value, np.broadcast_to(default, np.shape(value)))
 
 
 def _word(module: Readable, name: str, value: Any) -> str:
     """The word for which a sign stands; empty where the field holds no sign."""
-    for word, sign in module.words.get(name, {}).items():
-        if float(value) == sign:
-            return word
-    return ""
+    if name not in module.words or value is None:
+        return ""
+    signs = np.ravel(np.asarray(value)).tolist()
+    known = {sign: word for word, sign in module.words[name].items()}
+    return ", ".join(known[sign] for sign in signs) if set(signs) <= set(known) else ""
 
 
 def _counted(values: tuple[Any, ...]) -> str:
@@ -184,15 +219,14 @@ def _counted(values: tuple[Any, ...]) -> str:
     return f"{len(values)} {type(values[0]).__name__}"
 
 
-def _told(name: str, value: Any) -> tuple[str, str]:
+def _told(value: Any, unit: str) -> tuple[str, str]:
     """A value in few words, and its unit."""
     if isinstance(value, RESULTS):
         return _result(value), ""
     if isinstance(value, str):
         return value, ""
     if isinstance(value, _NUMBERS):
-        last = name.rsplit(".", 1)[-1]
-        return _number(np.asarray(value)), UNITS.get(last, _UNITS_OF_RESULTS.get(last, ""))
+        return _number(np.asarray(value)), unit
     ended = getattr(value, "result", None)
     kind = type(value).__name__
     return (f"{kind}, {_result(ended)}" if isinstance(ended, RESULTS) else kind), ""

@@ -25,6 +25,7 @@ from beltjax.drive.components import (
 )
 from beltjax.drive.installation import BeltGiven, Installation, TensionGiven
 from beltjax.drive.readable import Readable
+from beltjax.drive.units_of_file import UnitsOfFile
 
 
 def span_names(pulleys: Sequence[str]) -> tuple[str, ...]:
@@ -62,6 +63,7 @@ class Drive(Readable):
     model: Model
     sense: Float[Array, "*belts"] = eqx.field(converter=as_sense)  # of several belts, each
     name: str = eqx.field(static=True)
+    units: UnitsOfFile = eqx.field(static=True)  # in which the drive's file gives its numbers
 
     def __init__(
         self,
@@ -78,6 +80,7 @@ class Drive(Readable):
         isolators: Sequence[Isolator] = (),
         dampers: Sequence[Damper] = (),
         model: Model | None = None,
+        units: UnitsOfFile | None = None,
     ):
         if installation is None:
             raise ValueError("A drive needs an installation: TensionGiven, BeltGiven or another.")
@@ -88,7 +91,11 @@ class Drive(Readable):
         self.tensioners = tuple(_on_bodies(body, count) for body in tensioners)
         self.installation = installation
         self.arm_springs = tuple(arm_springs)
-        self.isolators, self.dampers = tuple(isolators), tuple(dampers)
+        self.isolators, self.dampers = (
+            _named(isolators, "pulleys", self),
+            _named(dampers, "pulley", self),
+        )
+        self.units = UnitsOfFile() if units is None else units
         self.model = Model() if model is None else model
         self.sense, self.name = sense, name
 
@@ -98,6 +105,8 @@ class Drive(Readable):
         require_distinct("belts", [belt.name for belt in self.belts])
         require_distinct("tensioners", [body.name for body in self.tensioners])
         require_distinct("pulleys", self.pulley_names)
+        require_distinct("isolators", [part.name for part in self.isolators if part.name])
+        require_distinct("dampers", [part.name for part in self.dampers if part.name])
         self._check_loops()
         repeated = repeated_name(self.span_names)
         if repeated is not None:
@@ -294,6 +303,24 @@ def _on_bodies(part: Any, count: int) -> Any:
     if count == 0 or (flags.ndim == 1 and len(flags)):
         return part
     return dataclasses.replace(part, on=np.zeros((*flags.shape[:-1], count)))
+
+
+def _named(parts: Sequence[Any], field: str, drive: Drive) -> tuple[Any, ...]:
+    """`parts`, those without a name called like the first pulley that their flags mark."""
+    named, names = [], drive.pulley_names
+    for part in parts:
+        flags = _flags([getattr(part, field)])
+        if not part.name and flags is not None and np.any(flags):
+            name = free_name(names[int(np.argmax(flags))], [other.name for other in named])
+            part = dataclasses.replace(part, name=name)
+        named.append(part)
+    return tuple(named)
+
+
+def free_name(name: str, used: Sequence[str]) -> str:
+    """`name`, with a number behind it where it is used already."""
+    numbered = (f"{name} {place}" for place in range(2, len(used) + 3))
+    return next(word for word in (name, *numbered) if word not in used)
 
 
 def _flags(flags: Sequence[Any]) -> np.ndarray | None:

@@ -2,14 +2,14 @@
 
 import difflib
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Annotated, Any, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
 from pydantic_core import PydanticCustomError
 
-from beltjax.drive.fields import Number, numbers
 from beltjax.files.errors import FileError
+from beltjax.files.fields import Number, numbers
 from beltjax.files.units import shown, to_si
 
 # Keys that others use, and what to give here.
@@ -76,6 +76,18 @@ class Table(BaseModel):
 TableType = TypeVar("TableType", bound=Table)
 
 
+def meaning(doc: str, unit: str = "") -> Any:
+    """What a key means, for the documentation."""
+    return Field(description=doc, json_schema_extra={"unit": unit})
+
+
+def meaning_of(owner: type, field: str) -> Any:
+    """What the key of a number of `owner` means, by its field."""
+    fact = numbers(owner)[field]
+    units = [fact.unit] if isinstance(fact.unit, str) else fact.unit.values()
+    return meaning(fact.doc, " or ".join(units))
+
+
 def numbers_of(
     owner: type,
     kind: str | None = None,
@@ -84,10 +96,12 @@ def numbers_of(
     without: Iterable[str] = (),
     required: Iterable[str] = (),
     optional: Iterable[str] = (),
+    docs: Mapping[str, str] | None = None,
 ) -> Callable[[type[TableType]], type[TableType]]:
     """Give a table the numbers that `owner` holds, of this kind, with their units and bounds.
 
-    A number is required where the field of `owner` has no default; absent ones are None.
+    A number is required where the field of `owner` has no default; absent ones are None. `docs`
+    says what those mean that mean another thing in this table.
     """
 
     def extended(table: type[TableType]) -> type[TableType]:
@@ -100,7 +114,10 @@ def numbers_of(
                 exactly = Field(min_length=size, max_length=size)
                 annotation = Annotated[list[annotation], exactly]
             needed = (fact.required or name in required) and name not in optional
-            fields[name] = (annotation, ...) if needed else (annotation | None, None)
+            doc = (docs or {}).get(name, fact.doc)
+            means = meaning(doc if needed else f"optional: {doc}", fact.unit_for(kind))
+            annotation = Annotated[annotation if needed else annotation | None, means]
+            fields[name] = (annotation, ...) if needed else (annotation, None)
         return create_model(
             table.__name__,
             __base__=table,

@@ -92,6 +92,19 @@ def si_of_text(text: str, unit: str) -> float:
     return to_si(float(text) if bare else text.strip(), unit)
 
 
+def unit_written(value: Any) -> str:
+    """The unit that a file gives with a number; empty where it gives none."""
+    parts = _NUMBER_WITH_UNIT.fullmatch(value) if isinstance(value, str) else None
+    return parts[2].strip() if parts else ""
+
+
+def in_unit(value: float, si: str, unit: str) -> float:
+    """A value in the unit `si` in another unit of its kind, as `unit_written` gives it."""
+    registry = _units()
+    named = registry.Unit(_BARE_POWER.sub("^", unit))
+    return value * float(registry.Quantity(1.0, si or "dimensionless").to(named).magnitude)
+
+
 def shown(value: Any) -> str:
     """`value` as it is shown in a message, long ones cut."""
     if isinstance(value, int) and abs(value) >= 10**30:

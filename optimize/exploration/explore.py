@@ -14,7 +14,7 @@ from beltjax.analysis.linearization import has_inertias
 from beltjax.analysis.sweep import BASIS
 from beltjax.compiling.quick import usual_promotion
 from beltjax.drive.files import drive_content
-from beltjax.drive.numbers import unit_of_number
+from beltjax.drive.numbers import unit_of
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis
@@ -106,7 +106,7 @@ def _batch_size(given: int | None, modes: int, total: int) -> int:
 
 
 def _columns(question: Question) -> list[Column]:
-    columns = [Column(name, unit_of_number(name)) for name in question.names]
+    columns = [Column(name, unit_of(question.drive, name)) for name in question.names]
     for name, parts in question.parts().items():
         columns.append(Column(name, quantity(name, question.drive).unit, parts))
     if question.modes:

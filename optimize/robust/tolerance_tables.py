@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from beltjax.drive.numbers import unit_of_number
+from beltjax.drive.numbers import unit_of
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
 from beltjax.files.tables import Table
@@ -49,18 +49,18 @@ def read_scatter(
     for table in tables:
         key = f"tolerance.{table.name}"
         require_of_drive(drive, table.name, path, key, others=tolerances)
-        tolerances[table.name] = _tolerance(table, path, key)
+        tolerances[table.name] = _tolerance(table, drive, path, key)
     measure, samples = _measure(robust or RobustTable(), path)
     return Scatter(tuple(tolerances), tuple(tolerances.values()), measure, samples)
 
 
-def _tolerance(table: ToleranceTable, path: object, key: str) -> Tolerance:
+def _tolerance(table: ToleranceTable, drive: Drive, path: object, key: str) -> Tolerance:
     given = {"within": table.within, "deviation": table.deviation}
     given = {name: size for name, size in given.items() if size is not None}
     if len(given) != 1:
         raise FileError(path, key, "give one of within (half-width) and deviation (standard)")
     [(kind, size)] = given.items()
-    value = number_of(size, unit_of_number(table.name), path, f"{key}.{kind}")
+    value = number_of(size, unit_of(drive, table.name), path, f"{key}.{kind}")
     if not value > 0:
         raise FileError(path, f"{key}.{kind}", f"found {size!r}; must be positive")
     return Uniform(value) if kind == "within" else Normal(value)

@@ -8,7 +8,8 @@ import pytest
 from drives import at_groups, example, flat_numbers, held_by_belt, three_ways, vibrating
 
 import beltjax as bj
-from beltjax.analysis.sensitivity import named_numbers, sensitivities
+from beltjax.analysis.sensitivity import sensitivities
+from beltjax.drive.numbers import named_numbers
 
 COUNT = 6
 # A coarse basis has exact derivatives too; the exact route needs no fine one.
@@ -67,8 +68,9 @@ def test_sensitivities_of_the_command_line_are_the_gradients():
         modes = bj.modes(bj.linearize(steady, basis), 3)
         return jnp.append(modes.frequencies, steady.coupling.sum())
 
-    direct = named_numbers(*jax.jit(jax.jacrev(answers))((drive, point)))
-    of_modes, of_gamma = named_numbers(*found.frequencies), named_numbers(*found.coupling)
+    of = drive, point
+    direct = named_numbers(*jax.jit(jax.jacrev(answers))(of), of)
+    of_modes, of_gamma = (named_numbers(*x, of) for x in (found.frequencies, found.coupling))
     for key, slopes in direct.items():
         np.testing.assert_allclose(of_modes[key], slopes[:3], rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(of_gamma[key], slopes[3], rtol=1e-9, atol=1e-12)

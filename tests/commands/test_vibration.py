@@ -10,7 +10,7 @@ from drives import EXAMPLES
 
 import beltjax as bj
 import beltjax.commands.cli
-from beltjax.analysis.sensitivity import named_numbers
+from beltjax.drive.numbers import named_numbers
 
 DRIVE = EXAMPLES / "three_pulley.toml"
 THREE = DRIVE.read_text()

@@ -1,39 +1,30 @@
 """Drive files with several tensioners, springs, isolators and belts: read, written, refused."""
 
-import json
+import dataclasses
 import re
-from pathlib import Path
 
 import equinox as eqx
 import jax
 import numpy as np
 import pytest
+from bodies_cases import (
+    CASES,
+    ECCENTRIC,
+    ISOLATORS,
+    LEVER,
+    SLIDE,
+    TWIN,
+    TWO_ARMS,
+    TWO_BELTS,
+    load,
+    swap,
+)
 from drives import EXAMPLES
 
 import beltjax as bj
 from beltjax.drive.buildable import layout_fault
 
-CASES = json.loads((Path(__file__).parents[1] / "data" / "bodies.json").read_text())["cases"]
 THREE = (EXAMPLES / "three_pulley.toml").read_text()
-
-
-def text_of(number):
-    return next(case["file"] for name, case in CASES.items() if name.startswith(number))
-
-
-TWO_ARMS, SLIDE, TWIN, LEVER = (text_of(number) for number in ("04", "08", "10", "12"))
-ISOLATORS, TWO_BELTS, ECCENTRIC = (text_of(number) for number in ("16", "18", "24"))
-
-
-def load(tmp_path, text):
-    path = tmp_path / "drive.toml"
-    path.write_text(text)
-    return bj.load_drive(path)
-
-
-def swap(text, old, new):
-    assert old in text
-    return text.replace(old, new, 1)
 
 
 def saved_and_loaded(tmp_path, drive, point):
@@ -277,6 +268,7 @@ BAD = {
     "law": (swap(ISOLATORS, "stiffness = 35.0", 'stiffness = 35.0\nlaw = "decoupler"'), r"isolator\[1\]\.law", "not modeled yet"),
     "one way": (swap(ISOLATORS, "stiffness = 35.0", "stiffness = 35.0\none_way = true"), r"isolator\[1\]\.one_way", "not modeled yet"),
     "damper of nothing": (swap(ISOLATORS, '[[damper]]\npulley = "crankshaft"', '[[damper]]\npulley = "crank"'), r"damper\[0\]\.pulley", "no pulley 'crank'"),
+    "name of a damper": (ISOLATORS + '\n[[damper]]\nname = "crankshaft"\npulley = "idler"\nstiffness = 1\ninertia = 1\n', r"damper\[1\]\.name", "is used already"),
     "model": (TWO_ARMS + "\n[model]\narm_curvature = 1\n", r"model\.arm_curvature", "give a valid boolean"),
 }  # fmt: skip
 
@@ -290,6 +282,18 @@ def test_bad_file_is_one_line_that_names_key_and_remedy(case, tmp_path):
     assert "\n" not in message
     assert re.search(key, caught.value.key), message
     assert re.search(says, message), message
+
+
+def test_isolators_and_dampers_are_called_like_their_pulleys(tmp_path):
+    ring = '\n[[damper]]\npulley = "crankshaft"\nstiffness = 1\ninertia = 1\n'
+    drive, point = load(tmp_path, ISOLATORS + ring + ring + 'name = "second ring"\n')
+    assert [part.name for part in drive.isolators] == ["crankshaft", "alternator"]
+    assert [part.name for part in drive.dampers] == ["crankshaft", "crankshaft 2", "second ring"]
+    assert_equal(saved_and_loaded(tmp_path, drive, point), (drive, point))
+    # So are those that are built without names.
+    parts = [dataclasses.replace(part, name="") for part in drive.dampers]
+    named = dataclasses.replace(drive, dampers=parts)
+    assert [part.name for part in named.dampers] == ["crankshaft", "crankshaft 2", "crankshaft 3"]
 
 
 def test_torque_is_allowed_on_a_carried_pulley(tmp_path):

@@ -34,12 +34,12 @@ def test_a_result_prints_its_ending_and_names_what_it_holds():
     at = bj.layout(drive)
     rows = [line.split() for line in repr(at).splitlines()]
     assert rows[0] == ["Layout"]
-    assert ["path_length", "1.51409", "m"] in rows
+    assert ["path_lengths", "(1.51409)", "m"] in rows
     assert ["centers", "3", "x", "2", "numbers"] in rows
     assert rows[-1] == ["result", "successful"]
     page = at._repr_html_()
     assert "<caption>Layout</caption>" in page
-    assert "<td>path_length</td><td>1.51409</td><td>m</td>" in page
+    assert "<td>path_lengths</td><td>(1.51409)</td><td>m</td>" in page
     assert "<td>a &lt;b&gt;</td>" in bj.Pulley("a <b>", [0, 0], 0.1)._repr_html_()
 
 

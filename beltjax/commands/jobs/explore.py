@@ -19,7 +19,7 @@ from beltjax.commands.report import Report
 from beltjax.commands.tables import plain_table
 from beltjax.commands.warnings import drive_warnings, warning_lines
 from beltjax.drive.files import load_drive
-from beltjax.drive.numbers import require_numbers, unit_of_number
+from beltjax.drive.numbers import require_numbers, unit_of
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
 
@@ -122,7 +122,7 @@ def _designs(drive: Drive, given: Exploring) -> Any:
     read = read_range if given.samples is None else read_interval
     ranges = {}
     for name, text in pairs:
-        reading = functools.partial(read, text, unit_of_number(name))
+        reading = functools.partial(read, text, unit_of(drive, name))
         ranges[name] = asked(f"--over {name}", reading)
     if given.samples is None:
         return asked("--over", lambda: optimize.Grid(ranges))

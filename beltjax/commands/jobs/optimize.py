@@ -57,7 +57,7 @@ def study_job(
     if study.scatter is not None:
         document |= robust_document(design, study.scatter)
     before = {
-        name: (float(optimize.value_of(study.drive, name)), optimize.unit_of(name))
+        name: (float(optimize.value_of(study.drive, name)), optimize.unit_of(study.drive, name))
         for name in design.values
     }
     files = []

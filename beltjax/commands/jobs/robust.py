@@ -14,7 +14,7 @@ from beltjax.commands.report import Report
 from beltjax.commands.tables import plain_table
 from beltjax.commands.warnings import drive_warnings, warning_lines
 from beltjax.drive.files import load_drive
-from beltjax.drive.numbers import require_numbers, unit_of_number
+from beltjax.drive.numbers import require_numbers, unit_of
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
 
@@ -65,7 +65,7 @@ def _tolerances(drive: Drive, given: Asked) -> dict[str, Any]:
             name, size = asked(option, functools.partial(read_named, text, "NAME=SIZE"))
             asked(option, functools.partial(require_numbers, drive, [*kinds, name]))
             kinds[name] = kind(
-                asked(f"{option} {name}", functools.partial(read_size, size, unit_of_number(name)))
+                asked(f"{option} {name}", functools.partial(read_size, size, unit_of(drive, name)))
             )
     if not kinds:
         raise FileError("--within", "", "is missing; give at least one tolerance, NAME=SIZE")

@@ -16,7 +16,7 @@ from beltjax.commands.report import Report
 from beltjax.commands.tables import number, plain_table
 from beltjax.commands.warnings import sweep_warnings, warning_lines
 from beltjax.draw.labels import span_label
-from beltjax.drive.numbers import require_number, unit_of_number
+from beltjax.drive.numbers import require_number, unit_of
 from beltjax.drive.system import Drive
 
 Advance = Callable[[str, int, int | None], None]
@@ -37,7 +37,7 @@ def sweep_job(
     drive, point = vibrating(path)
     name, text = asked("--over", lambda: read_named(over, "NAME=FROM:TO:POINTS"))
     asked("--over", lambda: require_number(drive, name))
-    values = asked("--over", lambda: read_range(text, unit_of_number(name)))
+    values = asked("--over", lambda: read_range(text, unit_of(drive, name)))
     lines = asked("--orders", lambda: read_orders(orders))
     asked("--count", lambda: require_count(drive, count))
     found = sweep(drive, point, name, values, count=count, advance=advance)

@@ -25,7 +25,10 @@ class Number(NamedTuple):
     unbounded: bool = False  # it may be infinite
     design: bool = False  # an optimizer may choose it
     parts: tuple[str, ...] = ()  # what the numbers of a vector are called
-    shape: tuple[int, ...] = ()
+    kinds: tuple[str, ...] = ()  # of owners to which it means something; of all where empty
+    beside: str | None = None  # another number without which it means nothing
+    shape: tuple[int, ...] = ()  # as far as it is fixed
+    rank: int = 0
     optional: bool = False  # it may be absent
     required: bool = False  # the field has no default
 
@@ -47,19 +50,20 @@ def numbers(kind: type) -> Mapping[str, Number]:
     found = {}
     for field in dataclasses.fields(kind):
         if _METADATA in field.metadata:
-            optional, shape = _shape(field.type)
+            optional, shape, rank = _shape(field.type)
             missing = dataclasses.MISSING
             found[field.name] = field.metadata[_METADATA]._replace(
                 shape=shape,
+                rank=rank,
                 optional=optional,
                 required=field.default is missing and field.default_factory is missing,
             )
     return MappingProxyType(found)
 
 
-def _shape(annotation: Any) -> tuple[bool, tuple[int, ...]]:
-    """Whether an annotation allows None, and the fixed shape that it asks of an array."""
+def _shape(annotation: Any) -> tuple[bool, tuple[int, ...], int]:
+    """Whether an annotation allows None, the fixed shape that it asks of an array, and the rank."""
     kinds = typing.get_args(annotation) or (annotation,)
     sizes = getattr(kinds[0], "dim_str", "").split()
     fixed = tuple(int(size) for size in sizes if size.isdecimal())
-    return type(None) in kinds, fixed
+    return type(None) in kinds, fixed, len([size for size in sizes if size[0] != "*"])

@@ -1,0 +1,65 @@
+"""Which units a drive file gives its numbers in."""
+
+from collections.abc import Iterator
+from typing import Any
+
+from beltjax.drive.numbers import full_key, known_keys
+from beltjax.drive.system import Drive
+from beltjax.drive.units_of_file import UnitsOfFile
+from beltjax.files.units import unit_written
+
+# Tables of a list that go by the names of the drive's parts, which are in the same order.
+_LISTED = {"belt": "belts", "isolator": "isolators", "damper": "dampers"}
+
+
+def units_used(content: dict[str, Any], drive: Drive) -> UnitsOfFile:
+    """The units that are written in a file, by the keys of the drive's numbers."""
+    known, found = known_keys(drive), {}
+    for words, unit in _units(content, (), drive):
+        for key in _keys(words, content):
+            full = full_key(drive, key)
+            if full in known:
+                found[full] = unit
+    return UnitsOfFile(found)
+
+
+def _units(value: Any, words: tuple[str, ...], drive: Drive) -> Iterator[tuple[Any, str]]:
+    """Words of the key of each number with a unit, and the unit; tables of a list by name."""
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield from _units(item, (*words, key), drive)
+    elif isinstance(value, list):
+        for place, item in enumerate(value):
+            label = str(place)
+            if isinstance(item, dict):
+                parts = getattr(drive, _LISTED.get(words[0], ""), ())
+                label = parts[place].name if parts else item.get("name", "tensioner")
+            yield from _units(item, (*words, label), drive)
+    elif unit_written(value):
+        yield words, unit_written(value)
+
+
+def _keys(words: tuple[str, ...], content: dict[str, Any]) -> list[str]:
+    """Keys of the numbers that one place of a file gives."""
+    if words[0] == "tensioner" and words[1] in _twins(content):
+        return _keys_of_twin(words)
+    if words[:2] == ("installation", "until"):
+        return ["installation.until"]
+    if words[-1] in ("0", "1"):
+        words = (*words[:-1], "xy"[int(words[-1])])
+    return [".".join(words)]
+
+
+def _twins(content: dict[str, Any]) -> list[str]:
+    tables = content["tensioner"] if isinstance(content["tensioner"], list) else []
+    return [table.get("name", "tensioner") for table in tables if table.get("kind") == "twin-arm"]
+
+
+def _keys_of_twin(words: tuple[str, ...]) -> list[str]:
+    """Keys of numbers of two tensioners and a spring, from those of the table of a twin arm."""
+    _, name, field, *rest = words
+    if not rest:
+        return [f"arm_spring.{name}.{field}"]
+    if field == "pivot":
+        return [f"tensioner.{name}.{arm}.pivot.{'xy'[int(rest[0])]}" for arm in (0, 1)]
+    return [f"tensioner.{name}.{rest[0]}.{field.removeprefix('ground_')}"]
