@@ -18,7 +18,7 @@ from beltjax.drive.files import drive_content
 from beltjax.drive.numbers import unit_of_number
 from beltjax.numerics.bases import AbstractBasis
 
-from ..quantities import quantity
+from ..quantities import find_quantity
 from .batches import FEW, FREQUENCY, Question, in_batches, library_versions
 from .cluster import cluster, on_cluster
 from .samples import Designs
@@ -107,7 +107,7 @@ def _batch_size(given: int | None, modes: int, total: int) -> int:
 def _columns(question: Question) -> list[Column]:
     columns = [Column(name, unit_of_number(name)) for name in question.names]
     for name, parts in question.parts().items():
-        columns.append(Column(name, quantity(name, question.drive).unit, parts))
+        columns.append(Column(name, find_quantity(name, question.drive).unit, parts))
     if question.modes:
         columns.append(Column(FREQUENCY, "rad/s", question.modes))
     return columns
