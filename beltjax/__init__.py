@@ -4,9 +4,7 @@ The public API stands in `__init__.pyi`, from which each name is loaded on first
 beltjax` is quick, and `beltjax --version` does not wait for JAX.
 """
 
-import importlib
 from pathlib import Path
-from typing import Any
 
 import lazy_loader
 
@@ -18,10 +16,4 @@ _BESIDE = Path(__file__).resolve().parents[1]
 if (_BESIDE / "optimize" / "study_file.py").is_file() and (_BESIDE / "pyproject.toml").is_file():
     __path__.append(str(_BESIDE))
 
-_from_stub, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
-
-
-def __getattr__(name: str) -> Any:
-    if name == "optimize":
-        return importlib.import_module("beltjax.optimize")
-    return _from_stub(name)
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

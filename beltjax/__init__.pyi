@@ -1,7 +1,5 @@
 """The public API: what `import beltjax as bj` offers. Each name is loaded on first use."""
 
-import typing
-
 from .analysis.collocation import Collocation as Collocation
 from .analysis.contact import ContactState as ContactState
 from .analysis.contact import contact_state as contact_state
@@ -64,5 +62,12 @@ from .numerics.bvp.solve import solve_bvp as solve_bvp
 from .results import RESULTS as RESULTS
 from .results import AnalysisError as AnalysisError
 
+# An installation holds the package `optimize` inside this one, a checkout beside it.
+# pyproject.toml tells pyright that it reads a checkout.
+CHECKOUT: bool
+if CHECKOUT:
+    import optimize as optimize  # noqa: TID251
+else:
+    from . import optimize as optimize
+
 __version__: str
-optimize: typing.Any  # the package beside this one in a checkout, and inside it once installed

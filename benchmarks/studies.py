@@ -22,7 +22,8 @@ import beltjax as bj  # noqa: E402
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 LOST = 1e3
-problem, search = bj.optimize.problem, bj.optimize.search.search
+problem, results = bj.optimize.problem, bj.optimize.search.results  # pyright: ignore[reportAttributeAccessIssue]
+batched_search = bj.optimize.search.batched
 
 
 def timed(function):
@@ -32,11 +33,12 @@ def timed(function):
 
 def batched(study, begin, look):
     """The augmented Lagrangian on all starts; compiled first, then run."""
-    search.FEW = 0  # compiled to run quickly, however few the starts
-    means = search.Means(look, lambda *_: None, None, None)
-    _, first = timed(lambda: search.search(study, begin, means))
-    found, again = timed(lambda: search.search(study, begin, means))
-    ends = [(e.objective, e.violation <= 1e-6 and e.converged) for e in found.ends]
+    batched_search.FEW = 0  # compiled to run quickly, however few the starts
+    tools = results.SearchTools(look, lambda *_: None, None, None)
+    default = batched_search.AugmentedLagrangian()
+    _, first = timed(lambda: default.search(study, begin, tools))
+    found, again = timed(lambda: default.search(study, begin, tools))
+    ends = [(e.objective, e.violation <= 1e-6 and e.converged) for e in found.outcomes]
     return ends, first - again, again
 
 
@@ -84,7 +86,7 @@ def main():
     loaded = bj.optimize.load_study(EXAMPLES / f"{asked.study}.toml")
     study = problem.with_implied_constraints(dataclasses.replace(loaded, starts=asked.starts))
     begin = problem.starting_points(study)
-    look = search.looking(study, begin.scales, problem.limited_rows(study, begin.parts))
+    look = results.local_models(study, begin.scales, problem.limited_rows(study, begin.parts))
     points = np.asarray(begin.points)
     _, compiling = timed(lambda: look(points[0] + 1e-9))
 

@@ -38,11 +38,11 @@ def fresh(study, drive):
         moved = [kind.at(p) for kind, p in zip(scatter.tolerances, points, strict=True)]
         values = dict(zip(scatter.names, nominal + jnp.stack(moved), strict=True))
         changed = bj.optimize.with_values(drive, values)
-        of = bj.optimize.Answers(
+        of = bj.optimize.DriveAnalyses(
             changed, study.point, bj.steady_state(changed, study.point, throw=False)
         )
         names = "coupling", *LIMITED
-        return jnp.concatenate([bj.optimize.quantity(n, changed).measure(of) for n in names])
+        return jnp.concatenate([bj.optimize.find_quantity(n, changed).measure(of) for n in names])
 
     return np.concatenate([np.asarray(look(part)) for part in points])
 

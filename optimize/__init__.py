@@ -5,16 +5,19 @@ from beltjax.drive.numbers import value_of as value_of
 from beltjax.drive.numbers import variable_names as variable_names
 from beltjax.drive.numbers import with_values as with_values
 
+from . import builtin_quantities  # noqa: F401  (registers what it defines)
 from .choices import Chosen as Chosen
 from .choices import enumerated as enumerated
 from .design import ConstraintReport as ConstraintReport
 from .design import Design as Design
 from .design import Optimum as Optimum
 from .design import StartReport as StartReport
+from .drive_analyses import DriveAnalyses as DriveAnalyses
 from .exploration.explore import explore as explore
 from .exploration.samples import Grid as Grid
 from .exploration.samples import Samples as Samples
 from .exploration.store import DamageWarning as DamageWarning
+from .exploration.store import array_name as array_name
 from .exploration.store import open_exploration as open_exploration
 from .minimization import minimize as minimize
 from .optimality import Optimality as Optimality
@@ -24,8 +27,11 @@ from .optimum_sensitivity import post_optimal as post_optimal
 from .pareto_front import Front as Front
 from .pareto_front import FrontPoint as FrontPoint
 from .pareto_front import pareto as pareto
-from .quantities import Answers as Answers
+from .quantities import Quantity as Quantity
+from .quantities import QuantityDefinition as QuantityDefinition
+from .quantities import find_quantity as find_quantity
 from .quantities import quantity as quantity
+from .quantities import quantity_definitions as quantity_definitions
 from .robust.distributions import Indices as Indices
 from .robust.distributions import Normal as Normal
 from .robust.distributions import Uniform as Uniform
@@ -42,7 +48,15 @@ from .robust.scatter import Scatter as Scatter
 from .robust.scatter import WorstQuantile as WorstQuantile
 from .robust.scatter import smooth_quantile as smooth_quantile
 from .search import augmented_lagrangian as augmented_lagrangian
-from .search.search import History as History
+from .search import batched, other_libraries  # noqa: F401  (they register what they define)
+from .search.one_by_one import AbstractLocalOptimizer as AbstractLocalOptimizer
+from .search.one_by_one import Ending as Ending
+from .search.one_by_one import UnitBoxProblem as UnitBoxProblem
+from .search.registry import AbstractOptimizer as AbstractOptimizer
+from .search.registry import find_optimizer as find_optimizer
+from .search.registry import optimizer as optimizer
+from .search.registry import optimizer_names as optimizer_names
+from .search.results import History as History
 from .study import Cases as Cases
 from .study import Choice as Choice
 from .study import Limits as Limits

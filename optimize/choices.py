@@ -14,16 +14,8 @@ from beltjax.drive.numbers import with_numbers
 
 from .design import Design, report
 from .problem import Starts, limited_rows, starting_points, with_implied_constraints
-from .search.search import (
-    FEW,
-    Advance,
-    batch_step,
-    deadline_of,
-    ends_of,
-    first_states,
-    iterated,
-    looking,
-)
+from .search.batched import FEW, batch_step, first_states, iterated, result_of
+from .search.results import Advance, deadline_of, local_models
 from .study import Study
 
 
@@ -58,9 +50,9 @@ def enumerated(study: Study, advance: Advance | None = None) -> list[Chosen]:
     columns = combinations, numbers, studies, begins, states
     for options, values, one, begin, end in zip(*columns, strict=True):
         rows = limited_rows(one, begin.parts)
-        look = looking(one, begin.scales, rows)
-        searched = ends_of(end)._replace(in_time=timely)
-        design = report(one, asked, begin, rows, look, searched)
+        model_at = local_models(one, begin.scales, rows)
+        searched = result_of(end)._replace(in_time=timely)
+        design = report(one, asked, begin, rows, model_at, searched)
         labels = {c.name: o.label for c, o in zip(study.choices, options, strict=True)}
         found.append(Chosen(labels, values, design))
     return sorted(found, key=lambda c: (not c.design.success, c.design.final or 0.0))
@@ -77,7 +69,7 @@ def _searched(studies: list[Study], begins: list[Starts], tell: Advance, deadlin
     stacked, scales, states = (
         jax.tree.map(lambda *leaves: jnp.stack(leaves), *parts)
         for parts in (
-            [one.asked for one in studies],
+            [one.canonical for one in studies],
             [b.scales for b in begins],
             [first_states(b) for b in begins],
         )

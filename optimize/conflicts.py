@@ -4,18 +4,18 @@ import numpy as np
 from scipy.optimize import minimize as scipy_minimize
 from scipy.optimize import nnls
 
-from .optimality import CLOSE, Local, Look
+from .optimality import CLOSE, LocalModel, ModelAt
 
 _FAR = 1e6  # stands for the violation of a design without a drive
 
 
-def least_violated(at: Local, look: Look) -> Local:
+def least_violated(at: LocalModel, model_at: ModelAt) -> LocalModel:
     """The design nearest to `at` whose violations, squared and summed, are a minimum."""
     best = at
 
     def violation(x):
         nonlocal best
-        found = look(np.clip(x, 0.0, 1.0))
+        found = model_at(np.clip(x, 0.0, 1.0))
         if found is None:
             return _FAR, np.zeros_like(x)
         if _violated(found) < _violated(best):
@@ -34,12 +34,12 @@ def least_violated(at: Local, look: Look) -> Local:
     return best
 
 
-def _violated(at: Local) -> float:
+def _violated(at: LocalModel) -> float:
     over = np.maximum(at.c, 0.0)
     return float(over @ over)
 
 
-def conflicting(at: Local, names: list[str]) -> tuple[str, ...]:
+def conflicting(at: LocalModel, names: list[str]) -> tuple[str, ...]:
     """Limits missed at the least violated design, and those met that keep it from moving on.
 
     There the violations' gradient is balanced by the gradients of active limits (Farkas): the

@@ -14,10 +14,10 @@ from beltjax.drive.system import Drive
 from beltjax.results import RESULTS, succeeded
 
 from .conflicts import conflicting, least_violated
-from .optimality import Local, Look, Optimality, optimality, polished
+from .optimality import LocalModel, ModelAt, Optimality, optimality, polished
 from .problem import (
     Measured,
-    Scales,
+    ProblemScales,
     Starts,
     drive_at,
     measured_at,
@@ -25,8 +25,9 @@ from .problem import (
     place_of,
     values_at,
 )
-from .search.search import FEASIBLE, End, History, Search
-from .study import Study
+from .quantities import find_quantity
+from .search.results import FEASIBLE, History, SearchResult, StartOutcome
+from .study import Study, split_name
 
 ACTIVE = 1e-5  # distance from a limit, in its scale, that counts as on it
 SAME = 1e-3  # distance in the unit box below which two starts ended in one optimum
@@ -37,6 +38,7 @@ class ConstraintReport(NamedTuple):
     """One constraint at the final design, SI."""
 
     quantity: str
+    unit: str  # SI; empty for a pure number
     value: float  # where the quantity has many parts, the one closest to its limit
     lower: float | None
     upper: float | None
@@ -98,13 +100,13 @@ class Design(Readable):
 class _Basin(NamedTuple):
     """An optimum in the unit box, and how many starts ended there."""
 
-    at: Local
+    at: LocalModel
     starts: int
 
 
-def _basins(ends: list[End], look: Look) -> list[_Basin]:
+def _basins(ends: list[StartOutcome], model_at: ModelAt) -> list[_Basin]:
     """The distinct optima, best first; the best few moved onto the exact conditions."""
-    groups: list[list[End]] = []
+    groups: list[list[StartOutcome]] = []
     for end in sorted((e for e in ends if e.feasible and e.converged), key=lambda e: e.objective):
         near = (g for g in groups if np.max(np.abs(g[0].x - end.x)) < SAME)
         group = next(near, None)
@@ -114,33 +116,38 @@ def _basins(ends: list[End], look: Look) -> list[_Basin]:
             group.append(end)
     found = []
     for i, group in enumerate(groups):
-        at = look(group[0].x)
+        at = model_at(group[0].x)
         if at is not None:
-            found.append(_Basin(polished(at, look) if i < POLISHED else at, len(group)))
+            found.append(_Basin(polished(at, model_at) if i < POLISHED else at, len(group)))
     return sorted(found, key=lambda basin: basin.at.f)
 
 
 def report(
-    study: Study, asked: int, begin: Starts, rows: np.ndarray, look: Look, found: Search
+    study: Study,
+    asked: int,
+    begin: Starts,
+    rows: np.ndarray,
+    model_at: ModelAt,
+    found: SearchResult,
 ) -> Design:
     """The design that a search found; `asked` constraints are the study's own."""
     size = float(begin.scales.objective)
-    basins = _basins(found.ends, look)
+    basins = _basins(found.outcomes, model_at)
     result, x = _outcome(found, basins)
     evidence, conflicts = None, ()
-    at = look(x)
+    at = model_at(x)
     names = _row_names(study, begin.parts, rows)
     if result == RESULTS.successful and at is not None:
-        evidence = optimality(at, look)
+        evidence = optimality(at, model_at)
     elif result == RESULTS.constraints_infeasible and at is not None:
-        at = least_violated(at, look)
+        at = least_violated(at, model_at)
         x, conflicts = at.x, conflicting(at, names)
     full = np.zeros(2 * sum(begin.parts))
     if evidence is not None:
         full[rows] = evidence.multipliers[: len(rows)]
     drive = drive_at(study, jnp.asarray(x))
     own = study.drive
-    reached = [end.x for end in found.ends] + [basin.at.x for basin in basins]
+    reached = [end.x for end in found.outcomes] + [basin.at.x for basin in basins]
     places = np.array([x, place_of(study, own_values(study)), *reached])
     shown, initial, *ended = measured_at(study, begin, places)
     drawn = None
@@ -160,9 +167,9 @@ def report(
         constraints=_constraint_reports(study, asked, begin.scales, (shown, drawn), prices),
         starts=tuple(
             StartReport(true if end.valid else None, end.ending)
-            for end, true in zip(found.ends, objectives, strict=False)
+            for end, true in zip(found.outcomes, objectives, strict=False)
         ),
-        optima=_optima(study, objectives[len(found.ends) :], basins, look),
+        optima=_optima(study, objectives[len(found.outcomes) :], basins, model_at),
         optimality=evidence,
         bounds=_bound_prices(study, evidence, size),
         conflicts=conflicts,
@@ -172,31 +179,31 @@ def report(
     )
 
 
-def _outcome(found: Search, basins: list[_Basin]) -> tuple[RESULTS, np.ndarray]:
+def _outcome(found: SearchResult, basins: list[_Basin]) -> tuple[RESULTS, np.ndarray]:
     """What the search came to, and its best design."""
     if basins:
         return RESULTS.successful, basins[0].at.x
     late = RESULTS.optimum_not_reached if found.in_time else RESULTS.time_limit_reached
-    feasible = [end for end in found.ends if end.feasible]
+    feasible = [end for end in found.outcomes if end.feasible]
     if feasible:
         return late, min(feasible, key=lambda end: end.objective).x
-    valid = [end for end in found.ends if end.valid]
+    valid = [end for end in found.outcomes if end.valid]
     if valid:
         missed = RESULTS.constraints_infeasible if found.in_time else RESULTS.time_limit_reached
         return missed, min(valid, key=lambda end: end.violation).x
     none = RESULTS.no_starting_design if found.in_time else RESULTS.time_limit_reached
-    return none, found.ends[0].x
+    return none, found.outcomes[0].x
 
 
 def _optima(
-    study: Study, objectives: list[float], basins: list[_Basin], look: Look
+    study: Study, objectives: list[float], basins: list[_Basin], model_at: ModelAt
 ) -> tuple[Optimum, ...]:
     return tuple(
         Optimum(
             values_at(study, basin.at.x),
             objective,
             basin.starts,
-            optimality(basin.at, look, second=False).residual,
+            optimality(basin.at, model_at, second=False).residual,
         )
         for objective, basin in zip(objectives, basins, strict=True)
     )
@@ -228,7 +235,7 @@ def _bound_prices(study: Study, evidence: Optimality | None, size: float) -> dic
     return {name: float(price) for name, price in prices if price}
 
 
-def _named_scales(study: Study, scales: Scales) -> dict[str, float]:
+def _named_scales(study: Study, scales: ProblemScales) -> dict[str, float]:
     named = dict(zip(study.constraints.names, np.asarray(scales.constraints), strict=True))
     return {"objective": float(scales.objective)} | {k: float(v) for k, v in named.items()}
 
@@ -236,7 +243,7 @@ def _named_scales(study: Study, scales: Scales) -> dict[str, float]:
 def _constraint_reports(
     study: Study,
     asked: int,
-    scales: Scales,
+    scales: ProblemScales,
     found: tuple[Measured, Measured | None],
     prices: np.ndarray | None,
 ) -> tuple[ConstraintReport, ...]:
@@ -257,6 +264,7 @@ def _constraint_reports(
         reports.append(
             ConstraintReport(
                 quantity=name,
+                unit=find_quantity(split_name(name)[0], study.drive).unit,
                 value=float(values[closest]),
                 lower=low if np.isfinite(low) else None,
                 upper=high if np.isfinite(high) else None,

@@ -7,7 +7,8 @@ from beltjax.compiling.quick import usual_promotion
 from .checkpoint import Checkpoint
 from .design import Design, report
 from .problem import limited_rows, starting_points, with_implied_constraints
-from .search.search import Advance, Means, deadline_of, looking, search
+from .search.registry import find_optimizer
+from .search.results import Advance, SearchTools, deadline_of, local_models
 from .study import Study
 
 
@@ -39,6 +40,7 @@ def minimize(
     tell("compiling", 0, None)
     begin = starting_points(study, warm)
     rows = limited_rows(study, begin.parts)
-    look = looking(study, begin.scales, rows)
-    found = search(study, begin, Means(look, tell, deadline, kept))
-    return report(study, asked, begin, rows, look, found)
+    model_at = local_models(study, begin.scales, rows)
+    tools = SearchTools(model_at, tell, deadline, kept)
+    found = find_optimizer(study.method).search(study, begin, tools)
+    return report(study, asked, begin, rows, model_at, found)

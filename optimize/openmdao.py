@@ -13,7 +13,7 @@ from beltjax.compiling.quick import quickly_compiled
 from beltjax.drive.numbers import unit_of, with_values
 
 from .problem import Measured, measured, own_values, part_counts
-from .quantities import quantity
+from .quantities import find_quantity
 from .study import Study, split_name
 
 _SPELLED = {"rad/s": "rad/s", "N m": "N*m", "N m/rad": "N*m/rad", "N m^2": "N*m**2", "": None}
@@ -47,7 +47,7 @@ class DriveComponent(om.ExplicitComponent):
         self.add_output("objective", 0.0)
         counts = part_counts(study)
         for name, parts in zip(study.constraints.names, counts, strict=True):
-            unit = quantity(split_name(name)[0], study.drive).unit
+            unit = find_quantity(split_name(name)[0], study.drive).unit
             self.add_output(variable_name(name), shape=parts, units=_units(unit))
         self.declare_partials("*", "*")
 

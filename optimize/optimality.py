@@ -22,7 +22,7 @@ _STEP = 1e-5  # of the differences of exact gradients that make second derivativ
 Vector = np.ndarray
 
 
-class Local(NamedTuple):
+class LocalModel(NamedTuple):
     """A design with the problem's values and first derivatives there, bounds included."""
 
     x: Vector  # [n]
@@ -32,7 +32,7 @@ class Local(NamedTuple):
     dc: np.ndarray  # [m, n]
 
 
-Look = Callable[[Vector], Local | None]  # None where there is no drive to evaluate
+ModelAt = Callable[[Vector], LocalModel | None]  # None where there is no drive to evaluate
 
 
 class Optimality(NamedTuple):
@@ -51,14 +51,14 @@ class Optimality(NamedTuple):
         return max(self.stationarity, self.violation, self.complementarity)
 
 
-def optimality(at: Local, look: Look, second: bool = True) -> Optimality:
-    """How well a design meets the conditions of an optimum; `second` costs 2n more looks."""
+def optimality(at: LocalModel, model_at: ModelAt, second: bool = True) -> Optimality:
+    """How well a design meets the conditions of an optimum; `second` costs 2n more evaluations."""
     active = at.c >= -CLOSE
     multipliers = _multipliers(at)
     gradient = at.df + multipliers @ at.dc
     curvature = None
     if second:
-        bent = curvature_matrix(at, multipliers, look)
+        bent = curvature_matrix(at, multipliers, model_at)
         curvature = None if bent is None else _least(bent, at.dc[active & (multipliers > BINDING)])
     return Optimality(
         stationarity=float(np.max(np.abs(gradient))),
@@ -70,7 +70,7 @@ def optimality(at: Local, look: Look, second: bool = True) -> Optimality:
     )
 
 
-def _multipliers(at: Local) -> Vector:
+def _multipliers(at: LocalModel) -> Vector:
     """Those that leave the least of stationarity and complementarity together."""
     near = at.c > -_NEAR
     if not near.any():
@@ -82,11 +82,11 @@ def _multipliers(at: Local) -> Vector:
     return every
 
 
-def curvature_matrix(at: Local, multipliers: Vector, look: Look) -> np.ndarray | None:
+def curvature_matrix(at: LocalModel, multipliers: Vector, model_at: ModelAt) -> np.ndarray | None:
     """Second derivatives of the Lagrangian, by central differences of its exact gradient."""
     rows = []
     for direction in np.eye(len(at.x)) * _STEP:
-        sides = [look(at.x + direction), look(at.x - direction)]
+        sides = [model_at(at.x + direction), model_at(at.x - direction)]
         if any(side is None for side in sides):
             return None
         up, down = (side.df + multipliers @ side.dc for side in sides if side is not None)
@@ -103,26 +103,28 @@ def _least(bent: np.ndarray, fixed: np.ndarray) -> float | None:
     return float(np.linalg.eigvalsh(free.T @ bent @ free)[0])
 
 
-def polished(at: Local, look: Look, *, tol: float = 1e-11, max_steps: int = 12) -> Local:
+def polished(
+    at: LocalModel, model_at: ModelAt, *, tol: float = 1e-11, max_steps: int = 12
+) -> LocalModel:
     """A design close to an optimum, moved onto it by Newton's method on its active limits.
 
     Steps that do not lower the residual of the optimality conditions are halved, then given up;
     the design returned is never worse by that measure than the one given.
     """
-    best, now = at, optimality(at, look, second=False)
+    best, now = at, optimality(at, model_at, second=False)
     for _ in range(max_steps):
         if now.residual <= tol:
             break
-        step = _newton_step(best, now, look)
-        moved = _shortened(best, step, now.residual, look) if step is not None else None
+        step = _newton_step(best, now, model_at)
+        moved = _shortened(best, step, now.residual, model_at) if step is not None else None
         if moved is None:
             break
-        best, now = moved, optimality(moved, look, second=False)
+        best, now = moved, optimality(moved, model_at, second=False)
     return best
 
 
-def _newton_step(at: Local, now: Optimality, look: Look) -> Vector | None:
-    bent = curvature_matrix(at, now.multipliers, look)
+def _newton_step(at: LocalModel, now: Optimality, model_at: ModelAt) -> Vector | None:
+    bent = curvature_matrix(at, now.multipliers, model_at)
     if bent is None:
         return None
     held = now.multipliers > BINDING
@@ -143,7 +145,7 @@ def _newton_step(at: Local, now: Optimality, look: Look) -> Vector | None:
     return None
 
 
-def _equality_step(at: Local, bent: np.ndarray, rows: Vector) -> tuple[Vector, Vector]:
+def _equality_step(at: LocalModel, bent: np.ndarray, rows: Vector) -> tuple[Vector, Vector]:
     """Newton's step with the limits `rows` met, and their multipliers.
 
     By least squares, since several limits may say the same.
@@ -160,24 +162,28 @@ def _saddle_solution(
     return found[: len(bent)], found[len(bent) :]
 
 
-def _shortened(at: Local, step: Vector, residual: float, look: Look) -> Local | None:
+def _shortened(
+    at: LocalModel, step: Vector, residual: float, model_at: ModelAt
+) -> LocalModel | None:
     size = min(1.0, 0.1 / max(float(np.max(np.abs(step))), 1e-30))
     for _ in range(6):
-        moved = look(at.x + size * step)
-        if moved is not None and optimality(moved, look, second=False).residual < residual:
+        moved = model_at(at.x + size * step)
+        if moved is not None and optimality(moved, model_at, second=False).residual < residual:
             return moved
         size /= 2
     return None
 
 
-def response_to(at: Local, shown: Optimality, look: Look, mixed: np.ndarray, moved: np.ndarray):
+def response_to(
+    at: LocalModel, shown: Optimality, model_at: ModelAt, mixed: np.ndarray, moved: np.ndarray
+):
     """Derivatives of an optimum [n, p] with respect to p numbers, by the implicit function theorem.
 
     `mixed` [n, p] are the derivatives of the Lagrangian's gradient and `moved` [m, p] of the
     constraints with respect to those numbers, the design held. Valid where the active set stays.
     Raises `ValueError` where the optimum is not strict.
     """
-    bent = curvature_matrix(at, shown.multipliers, look)
+    bent = curvature_matrix(at, shown.multipliers, model_at)
     if bent is None or (shown.curvature is not None and shown.curvature <= 0):
         raise ValueError("the optimum is not strict: it has no derivative")
     rows = np.flatnonzero(shown.active & (shown.multipliers > BINDING))

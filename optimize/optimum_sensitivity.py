@@ -19,15 +19,15 @@ from beltjax.drive.numbers import (
 )
 
 from .design import Design
-from .optimality import Local, optimality, response_to
+from .optimality import LocalModel, optimality, response_to
 from .problem import (
-    Scales,
+    ProblemScales,
     in_box,
     limited_rows,
     part_counts,
     with_implied_constraints,
 )
-from .search.search import looking
+from .search.results import local_models
 from .study import Study
 
 _STEP = 1e-5  # relative, of the differences of exact gradients
@@ -67,32 +67,32 @@ def post_optimal(
     study = with_implied_constraints(study)
     rows = limited_rows(study, part_counts(study))
     scaled = [design.scales[name] for name in study.constraints.names]
-    scales = Scales(as_real(design.scales["objective"]), as_real(scaled))
-    look = looking(study, scales, rows)
-    at = look(in_box(study, design.values))
+    scales = ProblemScales(as_real(design.scales["objective"]), as_real(scaled))
+    model_at = local_models(study, scales, rows)
+    at = model_at(in_box(study, design.values))
     assert at is not None  # as the design succeeded
-    shown = optimality(at, look)
+    shown = optimality(at, model_at)
     sides = [_difference(study, scales, rows, at, name) for name in names]
     mixed = np.stack([s.df + shown.multipliers @ s.dc for s in sides], axis=1)
     moved = np.stack([s.c for s in sides], axis=1)
     span = np.asarray(study.variables.upper - study.variables.lower)
-    slopes = response_to(at, shown, look, mixed, moved).T * span
+    slopes = response_to(at, shown, model_at, mixed, moved).T * span
     total = np.array([s.f for s in sides]) + shown.multipliers @ moved
     return PostOptimal(names, total * design.scales["objective"], slopes)
 
 
-def _difference(study: Study, scales: Scales, rows, at: Local, name: str) -> Local:
+def _difference(study: Study, scales: ProblemScales, rows, at: LocalModel, name: str) -> LocalModel:
     """Derivatives of a problem's values and first derivatives with respect to one number."""
     value = float(number_value(study.drive, study.point, name))
     h = _STEP * max(abs(value), 1e-3)
     ends = []
     for side in (value + h, value - h):
         drive, _ = with_number(study.drive, study.point, name, as_real(side))
-        moved = looking(eqx.tree_at(lambda s: s.drive, study, drive), scales, rows)(at.x)
+        moved = local_models(eqx.tree_at(lambda s: s.drive, study, drive), scales, rows)(at.x)
         if moved is None:
             raise ValueError(f"post_optimal: there is no drive for {name} = {side:g}.")
         ends.append(moved)
     up, down = ends
-    return Local(
+    return LocalModel(
         at.x, *((np.asarray(a) - b) / (2 * h) for a, b in zip(up[1:], down[1:], strict=True))
     )

@@ -15,7 +15,7 @@ from .design import Design
 from .minimization import minimize
 from .optimality import SETTLED, optimality, polished
 from .problem import (
-    Scales,
+    ProblemScales,
     drive_at,
     in_box,
     limited_rows,
@@ -24,9 +24,10 @@ from .problem import (
     values_at,
     with_implied_constraints,
 )
-from .quantities import quantity
-from .search.outside import solve
-from .search.search import Advance, looking
+from .quantities import find_quantity
+from .search.one_by_one import UnitBoxProblem
+from .search.other_libraries import Slsqp
+from .search.results import Advance, local_models
 from .study import Limits, Study, split_name
 
 _SAME = 1e-6  # of the front's extent
@@ -75,7 +76,7 @@ def pareto(
         raise ValueError("pareto: give two or three objectives and at least two points.")
     tell = advance or (lambda stage, done, total: None)
     bare = [split_name(name.removeprefix("-"))[0] for name in names]
-    units = tuple(quantity(name, study.drive).unit for name in bare)
+    units = tuple(find_quantity(name, study.drive).unit for name in bare)
     posed = _posed(study, names)
     anchors = tuple(
         minimize(_alone(posed, names, k), _prefixed(tell, name)) for k, name in enumerate(names)
@@ -104,7 +105,7 @@ class _Trade:
         last = {name: i for i, name in enumerate(study.constraints.names)}
         self._places = [last[name.removeprefix("-")] for name in names]
         sizes = [anchors[0].scales[name] for name in study.constraints.names]
-        self._scales = Scales(as_real(anchors[0].scales["objective"]), as_real(sizes))
+        self._scales = ProblemScales(as_real(anchors[0].scales["objective"]), as_real(sizes))
         self.solved = [self._measured(in_box(study, a.values), _residual(a)) for a in anchors]
 
     def signed(self, point: FrontPoint) -> np.ndarray:
@@ -122,16 +123,16 @@ class _Trade:
     def follow(self, limit: np.ndarray, size: np.ndarray) -> None:
         """Solve for one set of limits, if it has a solution."""
         study = self._limited(limit)
-        look = looking(study, self._scales, limited_rows(study, part_counts(study)))
+        model_at = local_models(study, self._scales, limited_rows(study, part_counts(study)))
         near = min(
             self.solved, key=lambda p: float(np.sum(((self.signed(p)[1:] - limit) / size) ** 2))
         )
-        start = look(in_box(study, near.values))
-        end = None if start is None else look(solve("slsqp", look, start).x)
+        start = model_at(in_box(study, near.values))
+        end = None if start is None else model_at(Slsqp().run(UnitBoxProblem(model_at, start)).x)
         if end is None:
             return
-        end = polished(end, look)
-        shown = optimality(end, look, second=False)
+        end = polished(end, model_at)
+        shown = optimality(end, model_at, second=False)
         if shown.residual <= SETTLED:
             self.solved.append(self._measured(end.x, shown.residual))
 

@@ -15,7 +15,8 @@ from beltjax.compiling.quick import quickly_compiled
 from beltjax.drive.numbers import number_value, value_of, with_numbers, with_values
 from beltjax.drive.system import Drive
 
-from .quantities import Answers, quantity
+from .drive_analyses import DriveAnalyses
+from .quantities import find_quantity
 from .search.augmented_lagrangian import Evaluation
 from .study import Limits, Study, split_name
 
@@ -32,7 +33,7 @@ IMPLIED = {
 Unit = Float[Array, " variables"]
 
 
-class Scales(NamedTuple):
+class ProblemScales(NamedTuple):
     """What the optimizer measures the objective and the constrained quantities in."""
 
     objective: Float[Array, ""]
@@ -57,7 +58,7 @@ class Measured(NamedTuple):
     found: Bool[Array, ""]  # whether all analyses have answers
 
 
-class Slopes(NamedTuple):
+class ProblemDerivatives(NamedTuple):
     """An `Evaluation` and its derivatives, of the constraints that have a limit."""
 
     objective: Float[Array, ""]
@@ -138,9 +139,9 @@ def _values(study: Study, drive: Drive) -> tuple[Values, Bool[Array, ""]]:
     names = sorted({split_name(name)[0] for name in (*study.objective, *study.constraints.names)})
 
     def at(point):
-        answers = Answers(drive, point, steady_state(drive, point, throw=False))
-        values = {name: quantity(name, drive).measure(answers) for name in names}
-        return values, answers.found()
+        analyses = DriveAnalyses(drive, point, steady_state(drive, point, throw=False))
+        values = {name: find_quantity(name, drive).measure(analyses) for name in names}
+        return values, analyses.all_found()
 
     values, found = jax.vmap(at)(cases.points)
 
@@ -165,7 +166,7 @@ def soft_maximum(
     return size / sharpness * jax.nn.logsumexp(sharpness * values / size)
 
 
-def evaluation(study: Study, scales: Scales, x: Unit) -> Evaluation:
+def evaluation(study: Study, scales: ProblemScales, x: Unit) -> Evaluation:
     """Scaled objective and constraints of the design at `x`; a missing limit gives -inf."""
     at = measured(study, drive_at(study, x))
     limits, parts = study.constraints, []
@@ -190,12 +191,12 @@ def limited_rows(study: Study, parts: list[int]) -> np.ndarray:
     return np.flatnonzero(np.concatenate(finite))
 
 
-def slopes(study: Study, scales: Scales, rows: Array, x: Unit) -> Slopes:
+def derivatives(study: Study, scales: ProblemScales, rows: Array, x: Unit) -> ProblemDerivatives:
     """Exact first derivatives of the problem at one design, of its constraints at `rows`."""
-    return quickly_compiled(_slopes)(study.asked, scales, rows, x)
+    return quickly_compiled(_derivatives)(study.canonical, scales, rows, x)
 
 
-def _slopes(study: Study, scales: Scales, rows: Array, x: Unit) -> Slopes:
+def _derivatives(study: Study, scales: ProblemScales, rows: Array, x: Unit) -> ProblemDerivatives:
     def packed(x):
         at = evaluation(study, scales, x)
         return jnp.append(at.constraints[rows], at.objective), at.valid
@@ -206,19 +207,19 @@ def _slopes(study: Study, scales: Scales, rows: Array, x: Unit) -> Slopes:
         return value, slope, valid
 
     value, slope, valid = jax.vmap(push, out_axes=(None, -1, None))(jnp.eye(len(x)))
-    return Slopes(value[-1], value[:-1], slope[-1], slope[:-1], valid)
+    return ProblemDerivatives(value[-1], value[:-1], slope[-1], slope[:-1], valid)
 
 
 def run_measured(study: Study, drive: Drive) -> Measured:
     """`measured`, compiled, on the host."""
-    return jax.device_get(quickly_compiled(measured)(study.asked, drive))
+    return jax.device_get(quickly_compiled(measured)(study.canonical, drive))
 
 
 class Starts(NamedTuple):
     """Where the searches begin, and what the designs seen on the way say of the problem's size."""
 
     points: Float[Array, "starts variables"]
-    scales: Scales
+    scales: ProblemScales
     parts: list[int]  # of each constrained quantity
     surveyed: int  # designs that were measured to find them
 
@@ -227,7 +228,7 @@ def starting_points(study: Study, warm: tuple[dict[str, float], ...] = ()) -> St
     """Points of the unit box to start from, and scales.
 
     The `warm` ones come first, then the study's own drive, then quasi-random designs; of all,
-    those that run before those that do not. Scales are the ranges over the box, as the
+    those that run before those that do not. ProblemScales are the ranges over the box, as the
     quasi-random designs show them.
     """
     own = [in_box(study, values) for values in (*warm, own_values(study))]
@@ -235,12 +236,12 @@ def starting_points(study: Study, warm: tuple[dict[str, float], ...] = ()) -> St
     count = CANDIDATES * study.starts
     drawn = sampler.random_base2(math.ceil(math.log2(count)))[:count]
     points = np.concatenate([own, drawn])
-    found = jax.device_get(quickly_compiled(_survey)(study.asked, jnp.asarray(points)))
+    found = jax.device_get(quickly_compiled(_survey)(study.canonical, jnp.asarray(points)))
     valid = found.found
     # Stable: the study's own drive stays first if it runs, and shapes stay the same if few do.
     order = np.argsort(~valid, kind="stable")[: study.starts]
     ranges = jnp.stack([_spread(part[valid]) for part in found.greatest])
-    scales = Scales(_spread(found.objective[valid]), ranges)
+    scales = ProblemScales(_spread(found.objective[valid]), ranges)
     return Starts(
         jnp.asarray(points[order]), scales, [part.shape[1] for part in found.greatest], len(points)
     )
@@ -253,7 +254,7 @@ def measured_at(study: Study, begin: Starts, points: np.ndarray) -> list[Measure
     at once.
     """
     padded = np.resize(points, (max(begin.surveyed, len(points)), points.shape[1]))
-    found = jax.device_get(quickly_compiled(_survey)(study.asked, jnp.asarray(padded)))
+    found = jax.device_get(quickly_compiled(_survey)(study.canonical, jnp.asarray(padded)))
     return [jax.tree.map(lambda x, k=k: x[k], found) for k in range(len(points))]
 
 

@@ -1,7 +1,7 @@
 """Design studies: what may change, what is wanted, what must hold, and where it must hold."""
 
 import dataclasses
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -14,11 +14,9 @@ from beltjax.drive.numbers import require_numbers, variable_names
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 
-from .quantities import Quantity, is_forced, quantity
+from .quantities import Quantity, find_quantity
 from .robust.scatter import Scatter
-
-Method = Literal["augmented-lagrangian", "slsqp", "trust-constr", "ipopt"]
-METHODS = get_args(Method)
+from .search.registry import DEFAULT, find_optimizer
 
 
 class Cases(eqx.Module):
@@ -81,7 +79,7 @@ class Study(eqx.Module):
     name: str = eqx.field(static=True, default="study")
     cases: Cases | None = None
     scatter: Scatter | None = None
-    method: Method = eqx.field(static=True, default=METHODS[0])
+    method: str = eqx.field(static=True, default=DEFAULT)  # a registered optimizer
     sharpness: Float[Array, ""] = eqx.field(converter=as_real, default=50.0)  # of the soft maximum
     time_limit: float | None = eqx.field(static=True, default=None)  # [s]
     choices: tuple[Choice, ...] = eqx.field(static=True, default=())
@@ -94,12 +92,12 @@ class Study(eqx.Module):
         return self.cases or Cases(jax.tree.map(lambda x: x[None], self.point), ("",))
 
     @property
-    def asked(self) -> "Study":
+    def canonical(self) -> "Study":
         """The study as compiled programs take it: searches of all kinds compile it once.
 
         Without what only a search needs, and with strongly typed arrays for all numbers.
         """
-        search = {"starts": 1, "seed": 0, "name": "", "method": METHODS[0], "time_limit": None}
+        search = {"starts": 1, "seed": 0, "name": "", "method": DEFAULT, "time_limit": None}
         bare = dataclasses.replace(self, **search, choices=(), pareto=(), pareto_points=0)
         physical = jax.tree.map(as_real, (bare.drive, bare.point, bare.cases))
         return strongly_typed(
@@ -126,9 +124,10 @@ class Study(eqx.Module):
                 raise ValueError(f"Study: {error.args[0]}.") from error
 
     def _check_search(self) -> None:
-        if self.method not in METHODS:
-            known = ", ".join(map(repr, METHODS))
-            raise ValueError(f"Study: method {self.method!r} is not one of {known}.")
+        try:
+            find_optimizer(self.method)
+        except KeyError as error:
+            raise ValueError(f"Study: {error.args[0]}.") from error
         for name, least in (("starts", 1), ("seed", 0)):
             number = getattr(self, name)
             if not isinstance(number, int) or number < least:
@@ -148,7 +147,4 @@ def require_quantity(
     if where and where not in cases:
         known = ", ".join(dict.fromkeys(cases)) or "none; add [[point]]"
         raise KeyError(f"there is no operating point {where!r}; there are {known}")
-    found = quantity(base, drive)
-    if is_forced(base) and point.excitation is None:
-        raise KeyError(f"{base!r} needs [excitation] in the drive file; add what shakes the drive")
-    return found
+    return find_quantity(base, drive, point)

@@ -19,9 +19,10 @@ from beltjax.files.tables import Table, validated
 from beltjax.files.units import to_si
 
 from .operating_points import PointTable, SiOrText, number_of, read_cases, require_of_drive
-from .quantities import is_many
+from .quantities import definition_of
 from .robust.tolerance_tables import RobustTable, ToleranceTable, read_scatter
-from .study import METHODS, Choice, Limits, Method, Option, Study, require_quantity, split_name
+from .search.registry import DEFAULT, find_optimizer, optimizer_names
+from .study import Choice, Limits, Option, Study, require_quantity, split_name
 
 
 class VariableTable(Table):
@@ -63,7 +64,7 @@ class ParetoTable(Table):
 class OptimizerTable(Table):
     """[optimizer]."""
 
-    method: Method = METHODS[0]
+    method: str = DEFAULT
     starts: Annotated[int, Field(ge=1, le=100_000)] = 32
     seed: Annotated[int, Field(ge=0)] = 0
     sharpness: Annotated[float, Field(gt=0, allow_inf_nan=False)] = 50.0
@@ -116,8 +117,20 @@ def load_study(path: str | os.PathLike[str]) -> Study:
         choices=tuple(_choice(table, drive, path) for table in file.choice),
         pareto=_front(file, drive, point, known, path),
         pareto_points=file.pareto.points if file.pareto else 11,
-        **file.optimizer.model_dump(exclude={"time_limit"}),
+        method=_method(file, path),
+        **file.optimizer.model_dump(exclude={"method", "time_limit"}),
     )
+
+
+def _method(file: StudyTable, path: object) -> str:
+    """The name of a registered optimizer."""
+    name = file.optimizer.method
+    try:
+        find_optimizer(name)
+    except KeyError as error:
+        known = ", ".join(map(repr, optimizer_names()))
+        raise FileError(path, "optimizer.method", f"found {name!r}; give one of {known}") from error
+    return name
 
 
 def _time_limit(file: StudyTable, path: object) -> float | None:
@@ -146,7 +159,7 @@ def _objective(
             terms[full] = to_si(weight, "")
         except ValueError as error:
             raise FileError(path, f"objective.minimize.{name}", str(error)) from error
-        if is_many(split_name(full)[0]):
+        if definition_of(split_name(full)[0]).many:
             raise FileError(path, "objective.minimize", f"{full!r} is many numbers; constrain it")
     return terms
 
@@ -222,7 +235,7 @@ def _front(
     for name in file.pareto.objectives:
         bare = name.removeprefix("-")
         _require_quantity(bare, drive, point, cases, path, key)
-        if is_many(split_name(bare)[0]):
+        if definition_of(split_name(bare)[0]).many:
             raise FileError(path, key, f"{bare!r} is many numbers; constrain it")
     return tuple(file.pareto.objectives)
 

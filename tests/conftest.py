@@ -18,8 +18,10 @@ import jax  # noqa: E402
 import pytest  # noqa: E402
 from schemas import documented  # noqa: E402
 
+import beltjax as bj  # noqa: E402
 import beltjax.__main__  # noqa: E402
-import beltjax.commands.cli  # noqa: E402
+import beltjax.commands.registry  # noqa: E402
+import beltjax.commands.running  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 
@@ -34,10 +36,21 @@ STUDIES = (
 
 
 @pytest.fixture
+def own_registries(monkeypatch):
+    """What a test registers is forgotten after it."""
+    quantities, optimizers = bj.optimize.quantities, bj.optimize.search.registry
+    monkeypatch.setattr(quantities, "_DEFINITIONS", dict(quantities._DEFINITIONS))
+    monkeypatch.setattr(optimizers, "_OPTIMIZERS", dict(optimizers._OPTIMIZERS))
+    commands = beltjax.commands.registry
+    monkeypatch.setattr(commands, "_REGISTERED", dict(commands.registered()))
+    monkeypatch.setattr(commands.group, "commands", dict(commands.group.commands))
+
+
+@pytest.fixture
 def run(monkeypatch, capsys, tmp_path):
     """Run the command line in this process, in an empty folder: status, output, errors."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(beltjax.commands.cli, "_prepare_jax", lambda: None)
+    monkeypatch.setattr(beltjax.commands.running, "prepare_jax", lambda: None)
 
     def call(*words):
         monkeypatch.setattr(sys, "argv", ["beltjax", *map(str, words)])

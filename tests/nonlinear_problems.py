@@ -24,7 +24,7 @@ def hs71(x):
 def local(x, f, c, df, dc):
     """With the box's bounds after the constraints."""
     x, eye = np.asarray(x, float), np.eye(len(x))
-    return bj.optimize.optimality.Local(
+    return bj.optimize.optimality.LocalModel(
         x,
         float(f),
         np.concatenate([c, -x, x - 1]),

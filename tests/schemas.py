@@ -5,7 +5,7 @@ import json
 
 from jsonschema import Draft202012Validator
 
-from beltjax.commands.schema import DOCUMENTS, FOLDER
+from beltjax.commands.reports.schema import FOLDER, documents
 
 
 @functools.cache
@@ -15,6 +15,6 @@ def validator(command):
 
 def documented(command, document):
     """Every key has its place in the description, and the installed schema admits the document."""
-    DOCUMENTS[command].model_validate_json(json.dumps(document), strict=True)
+    documents()[command].model_validate_json(json.dumps(document), strict=True)
     validator(command).validate(document)
     assert next(iter(document)) == "schema"

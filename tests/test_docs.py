@@ -18,6 +18,7 @@ BLOCKS = {
     "documents": 1,
     "drive_file": 1,
     "exploration": 6,
+    "extending": 4,
     "first_drive": 2,
     "moving_beam": 4,
     "optimizing": 2,
@@ -29,6 +30,7 @@ BLOCKS = {
 WRITTEN = {
     "vibration": ["sweep.nc"],
     "drive_file": ["copy.toml"],
+    "extending": ["study.toml"],
     "exploration": ["sample.zarr", "grid.zarr"],
 }
 
@@ -79,15 +81,15 @@ def keys_of(table):
         yield field.alias or name
 
 
-def test_every_key_and_quantity_of_a_study_is_on_its_page():
+def test_every_key_and_optimizer_of_a_study_is_on_its_page():
     page = (ROOT / "docs" / "optimizing.md").read_text()
     keys = {key for table in STUDY_TABLES for key in keys_of(table)}
     for key in keys:
         assert any(mark in page for mark in (f"`{key}`", f"`[{key}]`", f"`[[{key}]]`")) or (
             key == "option" and "[[choice.option]]" in page
         ), key
-    for name in bj.optimize.quantities._KINDS:
-        assert f"`{name}" in page, name
+    for name in bj.optimize.optimizer_names():
+        assert f'`"{name}"`' in page, name
 
 
 def test_the_page_of_the_drive_file_says_what_stands_beside_its_keys():
@@ -104,7 +106,7 @@ def test_the_tensioners_of_the_page_are_some(tmp_path):
 
 @pytest.mark.slow  # up to a minute each, most of it compiling
 @pytest.mark.parametrize("name", BLOCKS)
-def test_code_blocks_run(name, tmp_path, monkeypatch):
+def test_code_blocks_run(name, tmp_path, monkeypatch, own_registries):
     page = ROOT / "docs" / f"{name}.md"
     if name == "first_drive":
         (drive_file,) = blocks_of(page, "toml")

@@ -17,7 +17,7 @@ ALLOWED = {
     "drive": {"files", "compiling", "numerics", "drive", "results"},
     "analysis": {"files", "compiling", "numerics", "physics", "drive", "analysis", "results"},
     "optimize": {"files", "compiling", "numerics", "drive", "analysis", "results"},
-    "draw": {"drive", "analysis", "draw"},
+    "draw": {"drive", "analysis", "optimize", "draw"},
     "commands": {
         "files",
         "compiling",

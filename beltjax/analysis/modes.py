@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Complex, Float
 
 from beltjax.analysis.damping import Damping, damping_matrix
 from beltjax.analysis.linearization import Linearization
+from beltjax.analysis.steady import of_single
 from beltjax.compiling.quick import boundary_jit, usual_promotion
 from beltjax.drive.canonical import strongly_typed
 from beltjax.drive.readable import Readable
@@ -61,6 +62,11 @@ class Modes(Readable):
     error: Float[Array, " count"]  # relative, of the frequencies, estimated
     linearization: Linearization
     result: RESULTS
+
+    @property
+    def arm_rotations(self) -> Complex[Array, " count"]:
+        """Rotations of a single arm [rad], counterclockwise; 0 of none."""
+        return of_single(self.tensioner_motions)
 
     @usual_promotion
     def deflection(self, k: int, i: int, x: Array) -> Array:

@@ -10,7 +10,7 @@ from jaxtyping import Array, Complex, Float
 
 from beltjax.analysis.damping import Damping, damping_matrix, own_damping
 from beltjax.analysis.linearization import Linearization, linearize
-from beltjax.analysis.steady import steady_state
+from beltjax.analysis.steady import of_single, steady_state
 from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.canonical import canonical, strongly_typed
 from beltjax.drive.components import as_complex, as_real, concrete
@@ -80,6 +80,11 @@ class Response(Readable):
     coordinates: Complex[Array, "points size"] | None  # in the linearization's basis; None: exact
     result: RESULTS
     warning: RESULTS  # `span_slackens` where a slack factor is below 1
+
+    @property
+    def arm_rotation(self) -> Complex[Array, " points"]:
+        """Rotation of a single arm [rad], counterclockwise; 0 of none."""
+        return of_single(self.tensioner_motions)
 
 
 def frequency_response(

@@ -86,6 +86,16 @@ class Linear(Exact):
         return physics.linear(model)
 
 
+def of_single(motions: Array) -> Array:
+    """What concerns the one tensioner, of what [..., tensioners] concerns all; 0 of none.
+
+    Raises `ValueError` where there are several.
+    """
+    if motions.shape[-1] > 1:
+        raise ValueError("There are several tensioners: read the numbers of each.")
+    return jnp.sum(motions, axis=-1)
+
+
 class SteadyState(Readable):
     """Steady shape and tensions of a running drive.
 
@@ -121,9 +131,7 @@ class SteadyState(Readable):
     @property
     def arm_rotation(self) -> Float[Array, ""]:
         """theta_t from the reference state [rad] of a single arm, counterclockwise; 0 of none."""
-        if len(self.coordinate_change) > 1:
-            raise ValueError("There are several tensioners: read `coordinate_change`.")
-        return jnp.sum(self.coordinate_change)
+        return of_single(self.coordinate_change)
 
     @usual_promotion
     def deflection(self, i: int, x: Array) -> Array:

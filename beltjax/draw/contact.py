@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from beltjax.analysis.contact import ContactState
 from beltjax.analysis.contact_path import BeltPiece, belt_pieces, span_deflection
 from beltjax.analysis.steady import SteadyState
-from beltjax.draw.layouts import AFTER, ARM, BEFORE
+from beltjax.draw.layouts import AFTER, ARM, BEFORE, draw_bodies
 from beltjax.drive.system import Drive
 
 COLORS = {"span": AFTER, "adhesion": "#009E73", "slip": ARM}
@@ -60,12 +60,7 @@ def _draw_pulleys(axes: Axes, drive: Drive, state: ContactState) -> None:
         )
         name = drive.pulley_names[place]
         axes.annotate(name, tuple(center), ha="center", va="center", fontsize=8, parse_math=False)
-    if drive.tensioner is not None:
-        pivot = 1e3 * np.asarray(drive.tensioner.pivot)
-        angle = float(np.asarray(state.arm_angle))
-        reach = 1e3 * float(np.hypot(*np.asarray(drive.arm)))
-        tip = pivot + reach * np.array([np.cos(angle), np.sin(angle)])
-        axes.plot(*np.stack([pivot, tip]).T, color="black", marker="o", markersize=4, linewidth=1)
+    draw_bodies(axes, drive, np.asarray(state.coordinates), "-", "black")
 
 
 def _draw_belt(axes: Axes, pieces: tuple[BeltPiece, ...]) -> None:

@@ -1,15 +1,14 @@
 """Pictures of Pareto fronts."""
 
-from typing import Any
-
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from beltjax import optimize
 from beltjax.draw.layouts import AFTER
 
 
-def front_figure(front: Any) -> Figure:
+def front_figure(front: optimize.Front) -> Figure:
     """Every pair of objectives against each other; for three, the third in color."""
     rows = np.array([point.objectives for point in front.points]).reshape(-1, len(front.names))
     labels = [f"{n.removeprefix('-')} ({u})" if u else n.removeprefix("-")

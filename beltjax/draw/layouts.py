@@ -11,29 +11,39 @@ from matplotlib.figure import Figure
 
 from beltjax.analysis.modes import Modes
 from beltjax.draw.labels import mode_labels
-from beltjax.drive.layout import Layout, turned
+from beltjax.drive.bodies import bodies
+from beltjax.drive.layout import Layout, Loops
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
+from beltjax.numerics.rigid_bodies import placed
 
 # Okabe and Ito's palette, which people with any color vision can tell apart.
 BEFORE, AFTER, ARM = "#999999", "#0072B2", "#D55E00"
 _REACH = 0.08  # of a mode's largest movement, in sizes of the drive
 
 
-def belt_path(drive: Drive, at: Layout) -> np.ndarray:
-    """Points [m] along the belt, closed: each span's two ends and the arc that follows it."""
+def belt_paths(drive: Drive, at: Layout) -> list[np.ndarray]:
+    """Points [m] along each belt, closed: each span's two ends and the arc that follows it."""
+    loops = Loops(drive.loop_sizes)
+    return [
+        _belt_path(drive, at, range(start, start + size))
+        for start, size in zip(loops.starts.tolist(), loops.sizes, strict=True)
+    ]
+
+
+def _belt_path(drive: Drive, at: Layout, spans: range) -> np.ndarray:
     starts, ends, centers = (np.asarray(x) for x in (at.starts, at.ends, at.centers))
-    turn = np.asarray(drive.faces * drive.sense)
+    turn = np.asarray(drive.faces * drive.senses)
     pieces = []
-    for i in range(len(starts)):
-        j = (i + 1) % len(starts)
+    for i in spans:
+        j = i + 1 if i + 1 in spans else spans[0]
         pieces.append(np.stack([starts[i], ends[i]]))
         arm = ends[i] - centers[j]
         angles = np.linspace(0.0, turn[j] * float(at.wraps[j]), 60)
         cos, sin = np.cos(angles), np.sin(angles)
         around = np.stack([cos * arm[0] - sin * arm[1], sin * arm[0] + cos * arm[1]], axis=-1)
         pieces.append(centers[j] + around)
-    return np.concatenate([*pieces, starts[:1]])
+    return np.concatenate([*pieces, starts[spans[0]][None]])
 
 
 def draw_layout(
@@ -50,14 +60,35 @@ def draw_layout(
         circle = np.linspace(0, 2 * np.pi, 181)
         x, y = center[:, None] + float(pulley.radius) * np.stack([np.cos(circle), np.sin(circle)])
         axes.plot(1e3 * x, 1e3 * y, style, color=color, linewidth=0.9)
-    if drive.tensioner is not None:
-        pivot = np.asarray(drive.tensioner.pivot)
-        tip = np.asarray(drive.carried @ at.centers)
-        line = 1e3 * np.stack([pivot, tip])
-        shade = ARM if style == "-" and color != BEFORE else color
-        axes.plot(line[:, 0], line[:, 1], style, color=shade, marker="o", markersize=4)
-    path = 1e3 * belt_path(drive, at)
-    axes.plot(path[:, 0], path[:, 1], style, color=color, linewidth=width, label=label)
+    shade = ARM if style == "-" and color != BEFORE else color
+    draw_bodies(axes, drive, np.asarray(at.coordinates), style, shade)
+    for k, path in enumerate(belt_paths(drive, at)):
+        line = 1e3 * path
+        # Two belts that lie over each other differ by their width.
+        wide, name = width / (1 + 0.4 * k), label if k == 0 else ""
+        axes.plot(line[:, 0], line[:, 1], style, color=color, linewidth=wide, label=name)
+
+
+def draw_bodies(axes: Axes, drive: Drive, coordinates: np.ndarray, style: str, color: str) -> None:
+    """The tensioners: arms from pivot to pulleys, slides as short lines along their direction."""
+    if not drive.tensioners:
+        return
+    of, centers = bodies(drive), np.asarray(drive.centers)
+    at = jnp.asarray(coordinates)
+    apart = of.above - jnp.eye(len(drive.tensioners))
+    pulleys = placed(of, drive.centers[:, 0], drive.centers[:, 1], of.carried, at)
+    pivots = placed(of, of.pivots[:, 0], of.pivots[:, 1], apart, at)
+    tips = 1e3 * np.stack([pulleys.x, pulleys.y], axis=-1)
+    feet = 1e3 * np.stack([pivots.x, pivots.y], axis=-1)
+    reach = 50 * np.ptp(centers, axis=0).max()
+    for a, body in enumerate(drive.tensioners):
+        for p in np.flatnonzero(np.asarray(of.carries[:, a])):
+            if float(body.kind):
+                line = np.stack([feet[a], tips[p]])
+            else:
+                along = np.array([float(pulleys.by_x[p, a]), float(pulleys.by_y[p, a])])
+                line = tips[p] + reach * np.outer([-1.0, 1.0], along)
+            axes.plot(*line.T, style, color=color, marker="o", markersize=4)
 
 
 def before_and_after(
@@ -100,7 +131,8 @@ def mode_shapes(drive: Drive, point: OperatingPoint, modes: Modes, shown: int = 
     count = min(shown, len(modes.frequencies))
     rows = -(-count // 2)
     labels = mode_labels(drive, modes)
-    wide, high = np.ptp(belt_path(drive, modes.linearization.steady.reference.layout), axis=0)
+    paths = belt_paths(drive, modes.linearization.steady.reference.layout)
+    wide, high = np.ptp(np.concatenate(paths), axis=0)
     figure = Figure(figsize=(12.0, rows * (1.0 + 5.5 * high / wide)), layout="constrained")
     FigureCanvasAgg(figure)
     panels = figure.subplots(rows, 2, squeeze=False).ravel()
@@ -123,12 +155,14 @@ def draw_mode(
     spans = [np.real(modes.deflection(k, i, jnp.asarray(x))) for i in range(len(drive.pulleys))]
     radii, centers = np.asarray(drive.radii), np.asarray(at.centers)
     # Rotations are in the direction of travel: counterclockwise inside a counterclockwise loop.
-    turn = travel * np.asarray(drive.faces * drive.sense)
+    turn = travel * np.asarray(drive.faces * drive.senses)
     rotations = turn * np.real(modes.rotations[k])
-    arm = float(np.real(modes.arm_rotations[k]))
+    moved = np.real(np.asarray(modes.tensioner_motions[k]))
     reach = [np.max(np.abs(spans)), np.max(np.abs(radii * rotations))]
-    if drive.tensioner is not None:
-        reach.append(abs(arm) * float(at.arm_length))
+    of = bodies(drive)
+    there = placed(of, drive.centers[:, 0], drive.centers[:, 1], of.carried, at.coordinates)
+    travel_of = np.hypot(np.asarray(there.by_x @ moved), np.asarray(there.by_y @ moved))
+    reach.append(np.max(travel_of, initial=0.0))
     scale = _REACH * float(np.ptp(np.asarray(at.starts), axis=0).max()) / max(reach)
     draw_layout(axes, drive, at, color=BEFORE, label="", style="-", width=0.8)
     steady = modes.linearization.steady
@@ -142,11 +176,7 @@ def draw_mode(
         axes.plot(*(1e3 * (line + scale * w[:, None] * normal).T), color=AFTER, linewidth=1.8)
     for center, radius, angle in zip(centers, radii, scale * rotations, strict=True):
         _draw_turn(axes, center, float(radius), float(angle))
-    if drive.tensioner is not None:
-        pivot = np.asarray(drive.tensioner.pivot)
-        tip = np.asarray(turned(drive.carried @ at.centers - pivot, jnp.asarray(scale * arm)))
-        line = 1e3 * np.stack([pivot, pivot + tip])
-        axes.plot(*line.T, color=ARM, marker="o", markersize=4)
+    draw_bodies(axes, drive, np.asarray(at.coordinates) + scale * moved, "-", ARM)
     axes.set_aspect("equal")
     axes.set_axis_off()
 

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from beltjax.drive.system import Drive
@@ -36,6 +37,14 @@ def bodies(drive: Drive) -> Bodies:
         locked=fixed(jnp.stack([body.locked for body in parts])),
         stops=jnp.stack([body.stops for body in parts]),
     )
+
+
+def single_arm(drive: Drive) -> bool:
+    """Whether the one tensioner is an arm that turns and carries one pulley, as the source's."""
+    if len(drive.tensioners) != 1:
+        return False
+    carried = sum(float(np.sum(np.asarray(pulley.on))) for pulley in drive.pulleys)
+    return carried == 1 and float(drive.tensioners[0].kind) == 1
 
 
 def mass_matrix(drive: Drive, at: Coordinates) -> Float[Array, "coordinates coordinates"]:

@@ -194,8 +194,14 @@ class Tensioner(Readable):
 
     words: ClassVar = {"kind": KINDS}
 
+    pivot: Float[Array, "2"] = eqx.field(
+        converter=as_real,
+        default=(0.0, 0.0),
+        metadata=number("m", "`[x, y]`, as drawn", parts=("x", "y"), kinds=("rotary",)),
+    )
     stiffness: Float[Array, ""] = eqx.field(
         converter=as_real,
+        default=0.0,
         metadata=number(
             STIFFNESS,
             "of its spring; 0: held by the belt or an arm spring",
@@ -203,11 +209,26 @@ class Tensioner(Readable):
             design=True,
         ),
     )
-    pivot: Float[Array, "2"] = eqx.field(
-        converter=as_real,
-        default=(0.0, 0.0),
-        metadata=number("m", "`[x, y]`, as drawn", parts=("x", "y"), kinds=("rotary",)),
+    inertia: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number(
+            INERTIA,
+            "about a fixed pivot, or its mass, with the mass of its pulleys but not their spin",
+            at_least=0,
+        ),
     )
+    damping: Float[Array, ""] = eqx.field(
+        converter=as_real,
+        default=0.0,
+        metadata=number(DAMPING, "for the forced response", at_least=0),
+    )
+    stops: Float[Array, "2"] = eqx.field(
+        converter=as_real,
+        default=NO_STOPS,
+        metadata=number(COORDINATE, "`[least, greatest]`, from the drawn position", unbounded=True),
+    )
+    kind: Float[Array, ""] = eqx.field(converter=as_kind, default="rotary")
     direction: Float[Array, "2"] = eqx.field(
         converter=as_real,
         default=(1.0, 0.0),
@@ -216,16 +237,6 @@ class Tensioner(Readable):
             "in which it slides: `[dx, dy]` or an angle",
             parts=("x", "y"),
             kinds=("linear",),
-        ),
-    )
-    kind: Float[Array, ""] = eqx.field(converter=as_kind, default="rotary")
-    inertia: Float[Array, ""] | None = eqx.field(
-        converter=as_optional,
-        default=None,
-        metadata=number(
-            INERTIA,
-            "about a fixed pivot, or its mass, with the mass of its pulleys but not their spin",
-            at_least=0,
         ),
     )
     # Of a body whose pivot moves. What `inertia` says is added.
@@ -243,16 +254,6 @@ class Tensioner(Readable):
         converter=as_real,
         default=0.0,
         metadata=number("kg m^2", "about that center", at_least=0),
-    )
-    damping: Float[Array, ""] = eqx.field(
-        converter=as_real,
-        default=0.0,
-        metadata=number(DAMPING, "for the forced response", at_least=0),
-    )
-    stops: Float[Array, "2"] = eqx.field(
-        converter=as_real,
-        default=NO_STOPS,
-        metadata=number(COORDINATE, "`[least, greatest]`, from the drawn position", unbounded=True),
     )
     locked: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # 1: bolted
     on: Float[Array, " coordinates"] = eqx.field(converter=as_flags, default=())

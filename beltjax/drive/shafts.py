@@ -52,11 +52,11 @@ def transmission(drive: Drive, point: "OperatingPoint") -> Transmission:
         reached = jnp.minimum(reached + of_belt.T @ (of_belt @ next_near), 1.0)
     given = jnp.stack([point.torque.get(name, jnp.zeros(())) for name in drive.pulley_names])
     given = on_shaft.T @ (on_shaft @ given)
-    torques = jnp.zeros(count)
+    torques: Float[Array, " pulleys"] = jnp.zeros(count)
     for _ in drive.belts:
         passed = on_shaft.T @ (on_shaft @ (near * torques))
         taken = (1 - near) * (given - passed)
-        torques = taken - near * radii * (of_belt.T @ (of_belt @ (taken / radii)))
+        torques = jnp.asarray(taken) - near * radii * (of_belt.T @ (of_belt @ (taken / radii)))
     travel = jax.lax.stop_gradient(jnp.sign(ratio))
     return Transmission(
         speeds=jnp.abs(ratio) * point.speed(drive),
@@ -130,12 +130,12 @@ def rotor_names(drive: Drive) -> tuple[str, ...]:
 
 def _inertias(drive: Drive) -> Float[Array, " rotors"] | None:
     """Inertia of each rotor; that of a shaft may stand on any of its pulleys."""
-    own = []
+    own: list[Array | None] = []
     for shaft in drive.shafts:
-        given = [drive.pulleys[p].inertia for p in shaft if drive.pulleys[p].inertia is not None]
-        own.append(sum(given[1:], start=given[0]) if given else None)
+        inertias = (drive.pulleys[place].inertia for place in shaft)
+        given = [inertia for inertia in inertias if inertia is not None]
+        own.append(jnp.sum(jnp.stack(given), axis=0) if given else None)
     own += [isolator.rim_inertia for isolator in drive.isolators]
     own += [damper.inertia for damper in drive.dampers]
-    if any(inertia is None for inertia in own):
-        return None
-    return jnp.stack(own)
+    found = [inertia for inertia in own if inertia is not None]
+    return jnp.stack(found) if len(found) == len(own) else None

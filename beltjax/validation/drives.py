@@ -30,7 +30,7 @@ def as_printed() -> bj.Drive:
             inertia=inertia,
             face="grooved" if side > 0 else "back",
             driver=name == "crankshaft",
-            on_arm=name == "tensioner",
+            on=name == "tensioner",
         )
         for name, center, radius, side, inertia in zip(
             _NAMES, printed.CENTERS, printed.RADII, printed.SIDES, printed.INERTIAS, strict=True

@@ -36,10 +36,10 @@ def _beikmann(over_eps: Curves) -> Iterator[Line]:
     item = "Limit, Beikmann"
     drive, _ = prototype()
     at = bj.layout(drive, throw=False)
-    D, k_r = -jnp.sum(at.arm_tangent), given.ARM_STIFFNESS
+    D, k_r = -jnp.sum(at.span_pulls) / at.arm_length, given.ARM_STIFFNESS
     P0 = given.TENSION
     gam = drive.belt.axial_stiffness / P0
-    springs = jnp.sum(at.arm_normal**2 / at.span_lengths)
+    springs = jnp.sum(at.span_turns[:, 0] ** 2 / at.span_lengths) / at.arm_length**2
     springs = springs + k_r / (P0 * at.arm_length**2)
     eta = gam * D**2 / (gam * D**2 + jnp.sum(at.span_lengths) * springs)
     slow = sampled(s=_SLOW).T[0] / _SLOW**2

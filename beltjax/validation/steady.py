@@ -77,5 +77,7 @@ def loaded_tensions(torques: np.ndarray) -> Float[np.ndarray, "points spans"]:
 
 def table_lengths() -> tuple[np.ndarray, np.ndarray]:
     """Span lengths [m] and alignment angles [deg] that follow from the centers of Table 3.2."""
-    at = bj.layout(as_printed(), throw=False)
-    return np.asarray(at.span_lengths), np.degrees(np.asarray(at.alignment))
+    drive = as_printed()
+    at = bj.layout(drive, throw=False)
+    angles = bj.alignment_angles(drive, at)[0]
+    return np.asarray(at.span_lengths), np.degrees(np.asarray(angles))

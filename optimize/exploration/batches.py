@@ -23,7 +23,8 @@ from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis
 from beltjax.results import RESULTS, code, succeeded
 
-from ..quantities import Answers, is_forced, is_many, quantity
+from ..drive_analyses import DriveAnalyses
+from ..quantities import definition_of, find_quantity
 
 RESULT, FREQUENCY = "result", "frequency"
 # Designs up to which compiling quickly saves more than running quickly.
@@ -50,25 +51,23 @@ class Question(eqx.Module):
         require_numbers(self.drive, self.names)
         for name in self.quantities:
             try:
-                quantity(name, self.drive)
+                find_quantity(name, self.drive, self.point)
             except KeyError as error:
                 raise ValueError(str(error.args[0])) from error
-            if is_forced(name) and self.point.excitation is None:
-                raise ValueError(f"{name!r} needs [excitation] in the drive file; add it there")
         if len(set(self.quantities)) < len(self.quantities):
             raise ValueError("quantities: one is given twice; remove it")
         if self.modes:
             require_count(self.drive, self.modes, self.basis)
 
-    def answers(self, values: Float[Array, " numbers"]) -> Answers:
-        """What the analyses say of one design."""
+    def analyses(self, values: Float[Array, " numbers"]) -> DriveAnalyses:
+        """The analyses of one design."""
         changed = dict(zip(self.names, values, strict=True))
         drive, point = with_numbers(self.drive, self.point, changed)
-        return Answers(drive, point, steady_state(drive, point, throw=False))
+        return DriveAnalyses(drive, point, steady_state(drive, point, throw=False))
 
     def parts(self) -> dict[str, int | None]:
         """How many numbers each quantity is; None for a plain number."""
-        if not any(map(is_many, self.quantities)):
+        if not any(definition_of(name).many for name in self.quantities):
             return dict.fromkeys(self.quantities)
         blank = jnp.zeros((1, len(self.names)))
         found = eqx.filter_eval_shape(_answers, self, blank)
@@ -162,11 +161,12 @@ def _sharded(devices: int) -> Any:
 
 
 def _answer(question: Question, values: Float[Array, " numbers"]) -> dict[str, Array]:
-    of = question.answers(values)
-    found = {name: quantity(name, of.drive).measure(of) for name in question.quantities}
-    runs = of.found()
+    of = question.analyses(values)
+    found = {name: find_quantity(name, of.drive).measure(of) for name in question.quantities}
+    runs = of.all_found()
     found = {
-        name: jnp.where(runs, x if is_many(name) else x[0], jnp.nan) for name, x in found.items()
+        name: jnp.where(runs, x if definition_of(name).many else x[0], jnp.nan)
+        for name, x in found.items()
     }
     result = of.result
     if question.modes:

@@ -19,7 +19,7 @@ from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis
 
-from ..quantities import quantity
+from ..quantities import find_quantity
 from .batches import FEW, FREQUENCY, Question, in_batches, library_versions
 from .cluster import cluster, on_cluster
 from .samples import Designs
@@ -108,7 +108,7 @@ def _batch_size(given: int | None, modes: int, total: int) -> int:
 def _columns(question: Question) -> list[Column]:
     columns = [Column(name, unit_of(question.drive, name)) for name in question.names]
     for name, parts in question.parts().items():
-        columns.append(Column(name, quantity(name, question.drive).unit, parts))
+        columns.append(Column(name, find_quantity(name, question.drive).unit, parts))
     if question.modes:
         columns.append(Column(FREQUENCY, "rad/s", question.modes))
     return columns

@@ -1,4 +1,4 @@
-"""Which designs to look at: every combination of given values, or a quasi-random sample."""
+"""Which designs to model_at at: every combination of given values, or a quasi-random sample."""
 
 import dataclasses
 import math

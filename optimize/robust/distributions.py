@@ -69,7 +69,7 @@ def _require_not_negative(what: str, size: Array) -> None:
 Tolerance = Normal | Uniform
 
 
-class Linear(NamedTuple):
+class LinearMoments(NamedTuple):
     """First-order second moments: mean and standard deviation of a linearized function."""
 
     mean: Float[Array, "*parts"]  # the function at the nominal numbers
@@ -121,7 +121,7 @@ def linear_moments(
     function: Callable[[Array], Array],
     nominal: Float[Array, " numbers"],
     tolerances: Sequence[Tolerance],
-) -> Linear:
+) -> LinearMoments:
     """Mean and standard deviation of `function` by its exact slopes at the nominal numbers.
 
     Right for functions that are linear over the tolerances; what curvature adds, a sample shows.
@@ -130,7 +130,7 @@ def linear_moments(
     steps = jnp.diag(standard_deviations(tolerances))
     mean, push = jax.linearize(function, nominal)
     parts = jnp.moveaxis(jax.vmap(push)(steps), 0, -1)
-    return Linear(mean, norm(parts), parts)
+    return LinearMoments(mean, norm(parts), parts)
 
 
 def norm(parts: Array) -> Array:

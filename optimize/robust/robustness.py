@@ -14,10 +14,10 @@ from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 
 from ..exploration.batches import FEW, Question, in_batches
-from ..quantities import quantity
+from ..quantities import find_quantity
 from .distributions import (
     Indices,
-    Linear,
+    LinearMoments,
     Tolerance,
     linear_moments,
     sample_points,
@@ -186,12 +186,12 @@ def _nominal(question: Question) -> Float[Array, " numbers"]:
 
 def _measured(question: Question, numbers: Array) -> Float[Array, " quantities+1"]:
     """The quantities of one drive, the least of their parts; and 1 where it runs, else 0."""
-    of = question.answers(numbers)
-    found = [jnp.min(quantity(name, of.drive).measure(of)) for name in question.quantities]
-    return jnp.stack([*found, of.found().astype(float)])
+    of = question.analyses(numbers)
+    found = [jnp.min(find_quantity(name, of.drive).measure(of)) for name in question.quantities]
+    return jnp.stack([*found, of.all_found().astype(float)])
 
 
-def _linear(question: Question, kinds: tuple[Tolerance, ...]) -> Linear:
+def _linear(question: Question, kinds: tuple[Tolerance, ...]) -> LinearMoments:
     """Moments of what `_measured` measures, by slopes."""
     return linear_moments(lambda x: _measured(question, x), _nominal(question), kinds)
 
@@ -208,13 +208,13 @@ def _evaluated(question: Question, values: np.ndarray) -> Float[np.ndarray, "poi
 
 
 def _spread(
-    question: Question, name: str, values: np.ndarray, linear: Linear, quantile: float
+    question: Question, name: str, values: np.ndarray, linear: LinearMoments, quantile: float
 ) -> Spread:
     low, high = np.quantile(values, [1 - quantile, quantile])
     squares = np.asarray(linear.parts) ** 2
     whole = squares.sum() or 1.0
     return Spread(
-        unit=quantity(name, question.drive).unit,
+        unit=find_quantity(name, question.drive).unit,
         nominal=float(linear.mean),
         mean=float(values.mean()),
         deviation=float(values.std(ddof=1)),

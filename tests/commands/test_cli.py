@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from drives import EXAMPLES
 
-from beltjax.commands.documents import json_bytes
+from beltjax.commands.reports.documents import json_bytes
 from beltjax.files import writing
 
 THREE = (EXAMPLES / "three_pulley.toml").read_text()
@@ -288,9 +288,9 @@ def test_bad_study_is_one_line_and_writes_nothing(case, run, tmp_path):
 
 def test_fresh_process_sets_double_precision_and_handles_an_interrupt(tmp_path):
     code = (
-        "import beltjax.__main__, beltjax.commands.jobs.analyze as jobs, sys\n"
+        "import beltjax.__main__, beltjax.commands.reports.analyze as jobs, sys\n"
         "def stop(path, figure): raise KeyboardInterrupt\n"
-        "jobs.analysis_job = stop\n"
+        "jobs.analyze_report = stop\n"
         "sys.argv = ['beltjax', 'analyze', 'x.toml', '--json', 'out.json']\n"
         "beltjax.__main__.main()"
     )

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import beltjax as bj
-from beltjax.commands.jobs.optimize import analysis_job
+from beltjax.commands.reports.analyze import analyze_report
 
 
 def ring(count):
@@ -60,6 +60,6 @@ def test_modes_of_many_pulleys_are_those_of_a_finer_basis(tmp_path):
     path = tmp_path / "ring.toml"
     path.write_text(ring(30))  # 16 functions a span
     drive, point = bj.load_drive(path)
-    found = analysis_job(path).document["modes"]["dimensionless"]
+    found = analyze_report(path).document["modes"]["dimensionless"]
     fine = bj.modes(bj.linearize(bj.steady_state(drive, point), bj.Legendre(24)), 8)
     np.testing.assert_allclose(found, fine.dimensionless, rtol=1e-5)

@@ -43,7 +43,7 @@ BAD = {
     "no equals sign": (["--within", "installation.tension"], r"--within: .* give NAME=SIZE"),
     "no such quantity": (["--within", "installation.tension=1", "--quantity", "noise"], r"there is no quantity 'noise'"),
     "quantile": (["--within", "installation.tension=1", "--quantile", "0.3"], r"quantile: found 0\.3; give more than 0\.5"),
-    "seed": (["--within", "installation.tension=1", "--seed", "-2"], r"seed: found -2; give 0 or more"),
+    "seed": (["--within", "installation.tension=1", "--seed", "-2"], r"'--seed': -2 is not in the range x>=0"),
     "huge sample": (["--within", "installation.tension=1", "--samples", "100000000000000"], r"samples: found 10{14}, 8e\+05 GB for each copy of its numbers; give at most 2\^24"),
     "samples": (["--within", "installation.tension=1", "--samples", "1"], r"samples: found 1; give at least 2"),
 }  # fmt: skip

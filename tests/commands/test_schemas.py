@@ -11,9 +11,19 @@ from drives import EXAMPLES
 from jsonschema import Draft202012Validator, ValidationError
 from schemas import documented, validator
 
-from beltjax.commands.cli import cli
-from beltjax.commands.documents import complete, front_document
-from beltjax.commands.schema import DOCUMENTS, FOLDER, MARK, VERSION, key_tables, schema_text
+from beltjax.commands.registry import group, registered
+from beltjax.commands.reports.documents import complete
+from beltjax.commands.reports.listings import quantity_page
+from beltjax.commands.reports.pareto import pareto_document
+from beltjax.commands.reports.schema import (
+    FOLDER,
+    MARK,
+    QUANTITIES,
+    QUANTITIES_END,
+    VERSION,
+    key_tables,
+    schema_text,
+)
 
 FRONT = SimpleNamespace(
     names=("coupling", "-tensioner_effectiveness"),
@@ -25,25 +35,31 @@ FRONT = SimpleNamespace(
 
 
 def test_every_command_has_a_schema():
-    assert set(DOCUMENTS) == set(cli.commands)
-    assert {path.stem for path in FOLDER.glob("*.json")} == set(DOCUMENTS)
+    assert set(registered()) == set(group.commands)
+    assert {path.stem for path in FOLDER.glob("*.json")} == set(registered())
 
 
-@pytest.mark.parametrize("command", DOCUMENTS)
+@pytest.mark.parametrize("command", registered())
 def test_schemas_are_up_to_date_and_valid(command):
     text = (FOLDER / f"{command}.json").read_text()
-    assert text == schema_text(command), "python -m beltjax.commands.schema"
+    assert text == schema_text(command), "python -m beltjax.commands.reports.schema"
     Draft202012Validator.check_schema(json.loads(text))
     assert json.loads(text)["properties"]["schema"]["const"] == VERSION
 
 
 def test_the_page_lists_every_key():
     page = (EXAMPLES.parent / "docs" / "documents.md").read_text()
-    assert page.split(MARK)[1] == "\n" + key_tables(), "python -m beltjax.commands.schema"
+    assert page.split(MARK)[1] == "\n" + key_tables(), "python -m beltjax.commands.reports.schema"
+
+
+def test_the_page_lists_every_quantity():
+    page = (EXAMPLES.parent / "docs" / "optimizing.md").read_text()
+    listed = page.split(QUANTITIES)[1].split(QUANTITIES_END)[0]
+    assert listed == f"\n{quantity_page()}\n", "python -m beltjax.commands.reports.schema"
 
 
 def test_the_front_of_a_study_is_documented():
-    documented("pareto", complete(front_document(FRONT)))
+    documented("pareto", complete(pareto_document(FRONT)))
 
 
 @pytest.mark.parametrize(
@@ -60,10 +76,10 @@ def test_the_front_of_a_study_is_documented():
 )
 def test_a_wrong_document_is_refused(changes, says):
     with pytest.raises(ValidationError, match=says):
-        validator("pareto").validate(complete(front_document(FRONT)) | changes)
+        validator("pareto").validate(complete(pareto_document(FRONT)) | changes)
 
 
 def test_readers_need_not_know_keys_of_later_versions():
-    validator("pareto").validate(complete(front_document(FRONT)) | {"later": 1})
+    validator("pareto").validate(complete(pareto_document(FRONT)) | {"later": 1})
     with pytest.raises(ValueError, match="later"):
-        documented("pareto", complete(front_document(FRONT)) | {"later": 1})
+        documented("pareto", complete(pareto_document(FRONT)) | {"later": 1})

@@ -186,5 +186,5 @@ def test_a_file_that_cannot_be_written_is_named_by_its_own_name(monkeypatch, tmp
 
     monkeypatch.setattr("tempfile.mkstemp", full)
     with pytest.raises(OSError, match="No space left") as error:
-        bj.writing.write_whole(tmp_path / "o.json", b"{}")
+        bj.files.writing.write_whole(tmp_path / "o.json", b"{}")
     assert error.value.filename == str(tmp_path / "o.json")

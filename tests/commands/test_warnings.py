@@ -8,7 +8,7 @@ import pytest
 from drives import example
 
 import beltjax as bj
-from beltjax.commands.warnings import response_warnings, sweep_warnings
+from beltjax.commands.reports.warnings import response_warnings, sweep_warnings
 
 RATIOS = np.array([[0.05, 0.1, 0.14], [0.05, 0.1, 0.2], [0.3, np.nan, np.nan]])
 

@@ -36,10 +36,10 @@ def problem(study):
     def everything(x):
         drive = bj.optimize.with_values(study.drive, dict(zip(names, x, strict=True)))
         steady = bj.steady_state(drive, study.point, throw=False)
-        answers = bj.optimize.Answers(drive, study.point, steady)
+        answers = bj.optimize.DriveAnalyses(drive, study.point, steady)
         parts = [steady.coupling.sum()[None]]
         for name, low, high in zip(limits.names, limits.lower, limits.upper, strict=True):
-            value = bj.optimize.quantity(name, drive).measure(answers)
+            value = bj.optimize.find_quantity(name, drive).measure(answers)
             scale = jnp.maximum(1e-2, jnp.abs(jnp.where(jnp.isfinite(low), low, high)))
             parts += [(value - low) / scale, (high - value) / scale]
         return jnp.nan_to_num(jnp.concatenate(parts), posinf=1e3)
@@ -137,10 +137,10 @@ def test_every_variable_and_quantity_changes_what_its_name_says():
     np.testing.assert_allclose(new, 0.1 * np.array([-old[1], old[0]]) / np.hypot(*old), rtol=1e-12)
 
     steady = bj.steady_state(drive, point)
-    answers = bj.optimize.Answers(drive, point, steady)
+    answers = bj.optimize.DriveAnalyses(drive, point, steady)
 
     def measure(name):
-        return np.asarray(bj.optimize.quantity(name, drive).measure(answers))
+        return np.asarray(bj.optimize.find_quantity(name, drive).measure(answers))
 
     tight, slack = (float(steady.running_tensions[i]) for i in (5, 4))
     wrap = float(steady.reference.layout.wraps[5])

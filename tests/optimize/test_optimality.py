@@ -6,7 +6,9 @@ from nonlinear_problems import HS71_OPTIMUM, HS71_VALUE, hs71, local
 
 import beltjax as bj
 
-SOLVERS, solve = bj.optimize.search.outside.SOLVERS, bj.optimize.search.outside.solve
+SOLVERS = [name for name in bj.optimize.optimizer_names() if name != "augmented-lagrangian"]
+find_optimizer = bj.optimize.find_optimizer
+Problem = bj.optimize.UnitBoxProblem
 conditions, conflicts = bj.optimize.optimality, bj.optimize.conflicts
 
 
@@ -25,15 +27,16 @@ def test_a_published_optimum_is_reached_from_nearby():
 
 @pytest.mark.parametrize("method", SOLVERS)
 def test_other_libraries_reach_it_too(method):
-    ended = solve(method, hs71, hs71([0.0, 1.0, 1.0, 0.0]))
+    ended = find_optimizer(method).run(Problem(hs71, hs71([0.0, 1.0, 1.0, 0.0])))
     np.testing.assert_allclose(1 + 4 * ended.x, HS71_OPTIMUM, atol=1e-5)
 
 
 @pytest.mark.parametrize("method", SOLVERS)
 def test_no_time_is_said(method):
-    ended = solve(method, hs71, hs71([0.0, 1.0, 1.0, 0.0]), deadline=0.0)
+    problem = Problem(hs71, hs71([0.0, 1.0, 1.0, 0.0]), deadline=0.0)
+    ended = find_optimizer(method).run(problem)
     assert not ended.converged
-    assert len(ended.path) <= 2
+    assert len(problem.path) <= 2
 
 
 def test_a_saddle_is_no_optimum():

@@ -23,9 +23,49 @@ class Peer(NamedTuple):
     success: bool
 
 
+class OneArm(NamedTuple):
+    """A model of one belt and one arm, or none, in the letters of chapter 3."""
+
+    eps: float
+    s: float
+    gam: float
+    k_s: float
+    rho: float
+    D: float
+    P: np.ndarray
+    lam: np.ndarray
+    kap_s: np.ndarray
+    kap_e: np.ndarray
+    a: np.ndarray
+    w_start: np.ndarray
+
+
+def one_arm(model: SteadyModel) -> OneArm:
+    """`model` with r_t = l: what the arm's length is measured in has no part in the equations."""
+    m: Any = jax.tree.map(np.asarray, model)
+    if np.any(m.H) or m.S.shape[1] > 1 or len(m.give) > 1:
+        raise ValueError("The standard form is that of the source: one belt, one arm and no H.")
+    arm = m.S.shape[1] == 1
+    none = np.zeros(len(m.P))
+    return OneArm(
+        eps=float(m.eps[0]),
+        s=float(np.sqrt(m.c2[0])),
+        gam=float(np.sum(m.lam) / m.give[0]),
+        k_s=float(m.K[0, 0]) if arm else 1.0,
+        rho=1.0,
+        D=float(-np.sum(m.S)) if arm else 0.0,
+        P=m.P,
+        lam=m.lam,
+        kap_s=m.kap_s,
+        kap_e=m.kap_e,
+        a=m.a[:, 0] if arm else none,
+        w_start=m.W0[:, 0] if arm else none,
+    )
+
+
 def solve_standard_form(model: SteadyModel, tol: float = 1e-6, max_nodes: int = 100_000) -> Peer:
     """Steady state of `model` by `scipy.integrate.solve_bvp` from a straight, clustered guess."""
-    m: Any = jax.tree.map(np.asarray, model)
+    m = one_arm(model)
     n = len(m.P)
     weight = m.lam / m.rho
 

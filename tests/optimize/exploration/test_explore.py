@@ -14,7 +14,7 @@ from explorations import BATCH, NUMBERS, QUANTITIES, explored, files
 from scipy.stats import qmc
 
 import beltjax as bj
-from beltjax.commands.jobs import explore as exploration
+from beltjax.commands.reports import explore as exploration
 from beltjax.compiling.quick import quickly_compiled
 from beltjax.drive.numbers import number_names, number_value, with_number, with_numbers
 from beltjax.results import explanation, outcomes
@@ -36,8 +36,8 @@ def test_quantities_are_those_of_the_single_design(whole):
         numbers = dict(zip(NUMBERS, values, strict=True))
         one = with_numbers(drive, point, numbers)
         steady = bj.steady_state(*one, throw=False)
-        of = bj.optimize.Answers(*one, steady)
-        found = [bj.optimize.quantity(name, drive).measure(of) for name in QUANTITIES]
+        of = bj.optimize.DriveAnalyses(*one, steady)
+        found = [bj.optimize.find_quantity(name, drive).measure(of) for name in QUANTITIES]
         return found, steady.result
 
     endings = set()
@@ -313,7 +313,7 @@ BAD = {
     "fewer than none": (["installation.tension=1:2:2"], ["--workers", -2], r"workers: found -2; give 1"),
     "too many processes": (["installation.tension=1:2:2"], ["--workers", 10**6], r"workers: found 1000000; give 1"),
     "none of a scheduler's": (["installation.tension=1:2:2"], ["--workers", 0, "--scheduler", "x"], r"--workers: a scheduler has"),
-    "seed": (["installation.tension=1:2"], ["--samples", 8, "--seed", -2], r"--seed: seed: found -2; give 0 or more"),
+    "seed": (["installation.tension=1:2"], ["--samples", 8, "--seed", -2], r"'--seed': -2 is not in the range x>=0"),
     "huge sample": (["installation.tension=1:2"], ["--samples", 10**14], r"samples: found 10{14}, 8e\+05 GB of numbers; give 1 to 2\^30"),
     "huge grid": ([f"{name}=1:2:100000" for name in NUMBERS], [], r"--over: grid: found 100000 x 100000 = 1e\+10 designs, 160 GB of numbers; give at most 2\^30"),
     "huge batch": (["installation.tension=1:2"], ["--samples", 10**9, "--batch", 10**9], r"batch: found 10{9}; give at least 1 and at most 65536"),

@@ -80,10 +80,12 @@ def test_a_quantile_holds_for_a_hundred_thousand_fresh_drives():
     @jax.vmap
     def look(x):
         drive = bj.optimize.with_values(design.drive, dict(zip(names, x, strict=True)))
-        answers = bj.optimize.Answers(
+        answers = bj.optimize.DriveAnalyses(
             drive, study.point, bj.steady_state(drive, study.point, throw=False)
         )
-        return jnp.concatenate([bj.optimize.quantity(n, drive).measure(answers) for n in asked])
+        return jnp.concatenate(
+            [bj.optimize.find_quantity(n, drive).measure(answers) for n in asked]
+        )
 
     gamma, eta, turns = np.asarray(look(nominal + fresh)).T
     # 512 quasi-random points know a quantile of 5 % to some tenths of a percent.

@@ -68,8 +68,10 @@ def test_predicted_quantiles_hold_for_a_hundred_thousand_fresh_drives():
     def fresh(x):
         changed = dict(zip(TOLERANCES, x, strict=True))
         steady = bj.steady_state(bj.optimize.with_values(drive, changed), point, throw=False)
-        of = bj.optimize.Answers(drive, point, steady)
-        return jnp.concatenate([bj.optimize.quantity(name, drive).measure(of) for name in names])
+        of = bj.optimize.DriveAnalyses(drive, point, steady)
+        return jnp.concatenate(
+            [bj.optimize.find_quantity(name, drive).measure(of) for name in names]
+        )
 
     values = np.asarray(fresh(nominal + scatter))
     for spread, own in zip(found.spreads.values(), values.T, strict=True):

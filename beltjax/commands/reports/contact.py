@@ -10,12 +10,20 @@ from rich.markup import escape
 
 from beltjax.analysis.contact import ContactState, Law, asked, contact_solution, without_friction
 from beltjax.analysis.steady import SteadyState, steady_state
-from beltjax.commands.diagnosis import Diagnosis, speed_key, travel_lead
-from beltjax.commands.documents import plain
-from beltjax.commands.report import Report
-from beltjax.commands.tables import number, plain_table
+from beltjax.commands.reports.diagnosis import Diagnosis, places_in_words, speed_key, travel_lead
+from beltjax.commands.reports.documents import (
+    Document,
+    Maybe,
+    Part,
+    meaning,
+    model_flags,
+    plain,
+)
+from beltjax.commands.reports.report import Report
+from beltjax.commands.reports.tables import number, plain_table
 from beltjax.compiling.kept_programs import run_kept
 from beltjax.compiling.quick import quickly_compiled
+from beltjax.drive.bodies import single_arm
 from beltjax.drive.canonical import canonical
 from beltjax.drive.files import load_drive
 from beltjax.drive.installation import BeltGiven
@@ -25,8 +33,61 @@ from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
 from beltjax.results import RESULTS, explanation, succeeded
 
+# What a torque against the sense that is meant ends in.
+_OF_TRAVEL = RESULTS.contact_pressure_lost, RESULTS.contact_not_found, RESULTS.span_slack
 
-def contact_job(
+
+class TouchedPulleyPart(Part):
+    """A pulley and the belt on it."""
+
+    name: str
+    wrap_deg: Maybe = meaning("negative where the belt would have to bend back")
+    slip_deg: Maybe
+    adhesion_deg: Maybe = meaning("wrap less slip")
+    moment: Maybe = meaning("N m, taken from the belt; the driver's is negative")
+    speed: Maybe = meaning("rad/s")
+    contact_radius: Maybe = meaning(
+        "of the belt at contact over the pulley's; 1 unless it touches at one point"
+    )
+
+
+class FreeSpanPart(Part):
+    """A free span, start and end in the direction of travel."""
+
+    name: str
+    length: Maybe = meaning("m, stretched")
+    unstretched_length: Maybe = meaning("m")
+    tension_start: Maybe = meaning("N")
+    tension_mid: Maybe = meaning("N")
+    tension_end: Maybe = meaning("N")
+    speed_start: Maybe = meaning("m/s")
+    speed_end: Maybe = meaning("m/s")
+    angle_start_deg: Maybe = meaning("direction of the belt, from the line of centers")
+    angle_end_deg: Maybe = meaning("likewise")
+
+
+class ContactDocument(Document):
+    """`beltjax contact`: numbers are null where no state was found."""
+
+    drive: str
+    feasible: bool = meaning("whether the state found can be: nothing slips fully, nothing leaves")
+    pulleys: list[TouchedPulleyPart] | None
+    spans: list[FreeSpanPart] | None
+    unstretched_length: Maybe = meaning("m, of the belt")
+    efficiency: Maybe = meaning("power taken over power given")
+    driver_moment: Maybe = meaning("N m")
+    driven_moment: Maybe = meaning("N m; of two pulleys only")
+    torque_factor: Maybe = meaning("on the torques of the file; 1 without --maximum")
+    string_tension: Maybe = meaning("N, that this belt would have as a string in the drawn layout")
+    arm_angle: Maybe = meaning("rad; null unless one arm carries one pulley")
+    free_angle: Maybe = meaning("rad; likewise")
+    coordinates: dict[str, Maybe] = meaning("of each tensioner, from the drawn position: rad, or m")
+    unstretched_speed: Maybe = meaning("m/s, of the unstretched belt")
+    mass_flow: Maybe = meaning("kg/s")
+    message: str = meaning("why it is not feasible, or empty")
+
+
+def contact_report(
     path: str | os.PathLike[str],
     maximum: bool,
     law: Law,
@@ -89,6 +150,7 @@ def contact_document(drive: Drive, state: ContactState) -> dict[str, Any]:
     driven = float(np.abs(moments[int(np.argmin(drive.drives))]))
     return {
         "drive": drive.name,
+        "model": model_flags(drive),
         "feasible": bool(state.feasible),
         "pulleys": _pulleys(drive, state) if found else None,
         "spans": _spans(drive, state) if found else None,
@@ -98,8 +160,12 @@ def contact_document(drive: Drive, state: ContactState) -> dict[str, Any]:
         "driven_moment": driven if found and two else None,
         "torque_factor": plain(state.torque_factor) if found else None,
         "string_tension": _string_tension(drive, state) if found else None,
-        "arm_angle": plain(state.arm_angle) if found else None,
-        "free_angle": plain(state.free_angle) if found else None,
+        "arm_angle": plain(state.arm_angle) if found and single_arm(drive) else None,
+        "free_angle": plain(state.free_angle) if found and single_arm(drive) else None,
+        "coordinates": {
+            body.name: plain(place) if found else None
+            for body, place in zip(drive.tensioners, np.asarray(state.coordinates), strict=True)
+        },
         "unstretched_speed": plain(state.unstretched_speed) if found else None,
         "mass_flow": plain(state.mass_flow) if found else None,
         "message": "" if state.feasible else explanation(state.result),
@@ -111,7 +177,7 @@ def _string_tension(drive: Drive, state: ContactState) -> float | None:
 
     None where the belt is given and an arm moves, so that the drawn layout is not the one at rest.
     """
-    if isinstance(drive.installation, BeltGiven) and drive.tensioner is not None:
+    if isinstance(drive.installation, BeltGiven) and drive.tensioners:
         return None
     path = float(layout(drive, throw=False).path_length)
     return float(drive.belt.axial_stiffness) * (path / float(state.unstretched_length) - 1)
@@ -206,10 +272,6 @@ def diagnose_contact(drive: Drive, point: OperatingPoint, state: ContactState) -
     return Diagnosis(key, message, bool(result == RESULTS.no_torque_to_scale))
 
 
-# What a torque against the sense that is meant ends in.
-_OF_TRAVEL = RESULTS.contact_pressure_lost, RESULTS.contact_not_found, RESULTS.span_slack
-
-
 def _cause(drive: Drive, point: OperatingPoint, state: ContactState) -> tuple[str, str]:
     """Key of the drive file, and which pulleys it concerns."""
     result, loaded = state.result, np.asarray(state.moments) != 0
@@ -223,9 +285,7 @@ def _cause(drive: Drive, point: OperatingPoint, state: ContactState) -> tuple[st
     if result == RESULTS.belt_too_stiff:
         return "belt.bending_stiffness", f"pulley {names[int(np.argmin(drive.radii))]}: "
     if result == RESULTS.arm_at_stop:
-        angle = state.arm_angle
-        assert angle is not None  # without an arm there is no stop
-        return "tensioner.stops", f"the arm would stand at {np.degrees(float(angle)):.1f} deg: "
+        return "tensioner.stops", f"{places_in_words(drive, state.coordinates)}: "
     if result == RESULTS.belt_overstretched:
         return speed_key(point), ""
     given = isinstance(drive.installation, BeltGiven)

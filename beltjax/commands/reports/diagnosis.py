@@ -1,7 +1,7 @@
 """Why an analysis failed, in the words of the drive file: which key, what was found, what to do."""
 
 import dataclasses
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -13,6 +13,7 @@ from beltjax.analysis.steady import SteadyState, steady_state
 from beltjax.compiling.quick import quickly_compiled
 from beltjax.drive.buildable import drawn_arm_angle, layout_fault
 from beltjax.drive.canonical import canonical
+from beltjax.drive.components import KINDS
 from beltjax.drive.installation import BeltGiven
 from beltjax.drive.layout import layout
 from beltjax.drive.operation import OperatingPoint
@@ -56,12 +57,10 @@ def _failure(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagno
     if result == RESULTS.span_slack:
         return _slack_diagnosis(drive, point, steady)
     if result == RESULTS.arm_at_stop:
-        angle = np.degrees(float(steady.reference.layout.arm_angle))
-        return Diagnosis(
-            "tensioner.stops",
-            f"the arm would stand at {angle:.1f} deg: {explanation(result).rstrip('.')}",
-            False,
-        )
+        where = places_in_words(drive, steady.reference.coordinates)
+        return Diagnosis("tensioner.stops", f"{where}: {explanation(result).rstrip('.')}", False)
+    if _one_of(result, RESULTS.tensioner_unstable, RESULTS.stops_cycle):
+        return Diagnosis("tensioner.stiffness", explanation(result), False)
     if result == RESULTS.belt_overstretched:
         return _strain_diagnosis(drive, point, steady)
     loaded = any(float(torque) for torque in point.torque.values())
@@ -120,14 +119,24 @@ def _steady(drive: Drive, point: OperatingPoint) -> SteadyState:
 
 
 def _moved_layout_diagnosis(drive: Drive, steady: SteadyState) -> Diagnosis | None:
-    if drive.tensioner is None:
+    if not drive.tensioners:
         return None
-    turn = float(steady.reference.layout.arm_angle) - drawn_arm_angle(drive)
-    fault = layout_fault(drive, turn)
+    places = steady.reference.coordinates
+    fault = layout_fault(drive, places)
     if fault is None:
         return None
-    moved = f"with the arm turned by {np.degrees(turn):.1f} deg to where it rests, "
+    moved = f"where it rests ({places_in_words(drive, places)}), "
     return Diagnosis(fault.key, moved + fault.message, False)
+
+
+def places_in_words(drive: Drive, coordinates: Any) -> str:
+    """Where the tensioners stand, from the drawn positions, in words."""
+    words = []
+    for body, place in zip(drive.tensioners, np.asarray(coordinates), strict=True):
+        turns = float(body.kind) == KINDS["rotary"]
+        far = f"{np.degrees(place):.1f} deg" if turns else f"{1e3 * place:.1f} mm"
+        words.append(f"{body.name} moved by {far}")
+    return ", ".join(words)
 
 
 def _one_of(result: RESULTS, *members: RESULTS) -> bool:
@@ -135,7 +144,10 @@ def _one_of(result: RESULTS, *members: RESULTS) -> bool:
 
 
 def _belt_diagnosis(drive: Drive, rule: BeltGiven) -> Diagnosis:
-    turns = jnp.linspace(-_SWEEP, _SWEEP, 41) if drive.tensioner is not None else jnp.zeros(1)
+    # Of a body that slides, what moves its pulley about as far.
+    size = float(jnp.mean(layout(drive, throw=False).span_lengths))
+    reach = np.array([_SWEEP if float(b.kind) else _SWEEP * size / 4 for b in drive.tensioners])
+    turns = jnp.linspace(-1.0, 1.0, 41)[:, None] * reach if len(reach) else jnp.zeros((1, 0))
     paths = jax.vmap(lambda turn: layout(drive, turn, throw=False).path_length)(turns)
     shortest, longest = float(jnp.min(paths)), float(jnp.max(paths))
     found = float(rule.belt_length)

@@ -1,7 +1,6 @@
 """What `beltjax explore` does: ranges from the command line, a store, and a summary of it."""
 
 import functools
-import importlib
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -13,21 +12,69 @@ import numpy as np
 from rich.console import Group
 from rich.markup import escape
 
-from beltjax.commands.arguments import asked, read_interval, read_named, read_range
-from beltjax.commands.documents import plain
-from beltjax.commands.report import Report
-from beltjax.commands.tables import plain_table
-from beltjax.commands.warnings import drive_warnings, warning_lines
+from beltjax import optimize
+from beltjax.commands.reports.arguments import asked, read_interval, read_named, read_range
+from beltjax.commands.reports.documents import (
+    Document,
+    Maybe,
+    Part,
+    meaning,
+    model_flags,
+    plain,
+)
+from beltjax.commands.reports.report import Report
+from beltjax.commands.reports.tables import plain_table
+from beltjax.commands.reports.warnings import drive_warnings, warning_lines
+from beltjax.commands.running import Advance
 from beltjax.drive.files import load_drive
 from beltjax.drive.numbers import require_numbers, unit_of
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
 
-Advance = Callable[[str, int, int | None], None]
 _SLICE = 65_536  # designs of a store read at once
 
 
-class Exploring(NamedTuple):
+class ExtremePart(Part):
+    """An extreme and the design that has it."""
+
+    value: Maybe
+    at: dict[str, float]
+
+
+class QuantityPart(Part):
+    """A quantity over all designs."""
+
+    name: str
+    unit: str
+    found: int = meaning("designs that have it")
+    least: ExtremePart | None
+    mean: Maybe = meaning("null for a quantity of parts")
+    greatest: ExtremePart | None
+
+
+class EndingPart(Part):
+    """How many designs ended in one way."""
+
+    result: str = meaning("a member of `bj.RESULTS`")
+    designs: int
+    text: str
+
+
+class ExploreDocument(Document):
+    """`beltjax explore`."""
+
+    drive: str
+    store: str = meaning("folder of the Zarr store")
+    designs: int
+    designs_before: int = meaning("that the store held already")
+    repaired: list[str] = meaning("damage that was mended")
+    seconds: float
+    quantities: list[QuantityPart]
+    outcomes: list[EndingPart] = meaning("the most frequent first")
+    success: bool = meaning("whether any design succeeded")
+
+
+class ExploreOptions(NamedTuple):
     """What `beltjax explore` was given, as text where it carries units."""
 
     over: Sequence[str]
@@ -41,9 +88,8 @@ class Exploring(NamedTuple):
     store: str
 
 
-def exploration_job(path: str, given: Exploring, advance: Advance) -> Report:
+def explore_report(path: str, given: ExploreOptions, advance: Advance) -> Report:
     """Explore the designs of a drive file. Raises `FileError` for what cannot be asked."""
-    optimize = importlib.import_module("beltjax.optimize")
     if given.workers is not None and given.scheduler:
         raise FileError("--workers", "", "a scheduler has its own workers; leave out one of both")
     drive, point = load_drive(path)
@@ -76,6 +122,7 @@ def exploration_job(path: str, given: Exploring, advance: Advance) -> Report:
         raise FileError(given.store, "", message) from error
     document = {
         "drive": drive.name,
+        "model": model_flags(drive),
         "warnings": drive_warnings(drive, point),
         "store": str(Path(given.store)),
         "designs": designs.total,
@@ -112,9 +159,8 @@ class _Pace:
         self._advance(stage, done, total)
 
 
-def _designs(drive: Drive, given: Exploring) -> Any:
+def _designs(drive: Drive, given: ExploreOptions) -> optimize.Grid | optimize.Samples:
     """The `Grid` or `Samples` that the options ask for."""
-    optimize = importlib.import_module("beltjax.optimize")
     shape = "NAME=FROM:TO:POINTS" if given.samples is None else "NAME=FROM:TO"
     pairs = [asked("--over", lambda text=text: read_named(text, shape)) for text in given.over]
     asked("--over", lambda: require_numbers(drive, [name for name, _ in pairs]))
@@ -125,9 +171,8 @@ def _designs(drive: Drive, given: Exploring) -> Any:
         ranges[name] = asked(f"--over {name}", reading)
     if given.samples is None:
         return asked("--over", lambda: optimize.Grid(ranges))
-    require_seed = importlib.import_module("beltjax.optimize.exploration.samples").require_seed
-    asked("--seed", lambda: require_seed(given.seed))
-    return asked("--samples", lambda: optimize.Samples(ranges, given.samples, given.seed))
+    count = given.samples
+    return asked("--samples", lambda: optimize.Samples(ranges, count, given.seed))
 
 
 def _summary(data: Any, names: Sequence[str], quantities: Sequence[str]) -> dict[str, Any]:
@@ -142,8 +187,7 @@ def _summary(data: Any, names: Sequence[str], quantities: Sequence[str]) -> dict
             counts[code] = counts.get(code, 0) + count
 
     def numbers(at: int) -> dict[str, float]:
-        stored = importlib.import_module("beltjax.optimize.exploration.store")
-        return {name: float(data[stored.array_name(name)][at]) for name in names}
+        return {name: float(data[optimize.array_name(name)][at]) for name in names}
 
     return {
         "quantities": [
@@ -158,9 +202,8 @@ def _columns(
     data: Any, start: int, quantities: Sequence[str]
 ) -> Iterator[tuple[str, str, str, np.ndarray]]:
     """Array, label, unit and values [designs, parts] of a slice; one mode is one column."""
-    stored = importlib.import_module("beltjax.optimize.exploration.store")
     for name in quantities:
-        array = data[stored.array_name(name)]
+        array = data[optimize.array_name(name)]
         values = array[start : start + _SLICE].values
         values, unit = values.reshape(len(values), -1), array.attrs["units"]
         if name == "frequency":

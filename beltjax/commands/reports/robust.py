@@ -1,24 +1,64 @@
 """What `beltjax robust` does: tolerances from the command line, and what they make of a drive."""
 
 import functools
-import importlib
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from rich.console import Group
 from rich.markup import escape
+from rich.table import Table
 
-from beltjax.commands.arguments import asked, read_named, read_size
-from beltjax.commands.report import Report
-from beltjax.commands.tables import plain_table
-from beltjax.commands.warnings import drive_warnings, warning_lines
+from beltjax import optimize
+from beltjax.commands.reports.arguments import asked, read_named, read_size
+from beltjax.commands.reports.documents import (
+    Document,
+    Part,
+    meaning,
+    model_flags,
+)
+from beltjax.commands.reports.report import Report
+from beltjax.commands.reports.tables import plain_table
+from beltjax.commands.reports.warnings import drive_warnings, warning_lines
 from beltjax.drive.files import load_drive
 from beltjax.drive.numbers import require_numbers, unit_of
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
 
 
-class Asked(NamedTuple):
+class IndexPart(Part):
+    """Sobol indices of one tolerance."""
+
+    first: float
+    total: float
+
+
+class SpreadPart(Part):
+    """How a quantity scatters, SI."""
+
+    name: str
+    unit: str
+    nominal: float
+    mean: float
+    deviation: float = meaning("standard")
+    low: float = meaning("below it lies 1 - quantile")
+    high: float = meaning("above it lies 1 - quantile")
+    linear_deviation: float = meaning("by exact slopes")
+    shares: dict[str, float] = meaning("of the variance by slopes, by tolerance")
+    indices: dict[str, IndexPart] = meaning("only with --indices", default={})
+
+
+class RobustDocument(Document):
+    """`beltjax robust`."""
+
+    drive: str
+    success: bool
+    samples: int
+    failed: int = meaning("samples in which no such drive runs; left out")
+    quantile: float
+    quantities: list[SpreadPart]
+
+
+class RobustOptions(NamedTuple):
     """What `beltjax robust` was given, as text where it carries units."""
 
     within: Sequence[str]
@@ -30,9 +70,8 @@ class Asked(NamedTuple):
     indices: bool
 
 
-def robust_job(path: str, given: Asked) -> Report:
+def robust_report(path: str, given: RobustOptions) -> Report:
     """Scatter the drive of a file. Raises `FileError` for what cannot be asked."""
-    optimize = importlib.import_module("beltjax.optimize")
     drive, point = load_drive(path)
     kinds = _tolerances(drive, given)
     options = {"samples": given.samples, "seed": given.seed, "quantile": given.quantile}
@@ -45,14 +84,18 @@ def robust_job(path: str, given: Asked) -> Report:
             )
     except ValueError as error:
         raise FileError(path, "", str(error).rstrip(".")) from error
-    document = _document(drive, found, indices) | {"warnings": drive_warnings(drive, point)}
+    document = _document(drive, found, indices) | {
+        "model": model_flags(drive),
+        "warnings": drive_warnings(drive, point),
+    }
     return Report(document, _tables(document), "")
 
 
-def _tolerances(drive: Drive, given: Asked) -> dict[str, Any]:
+def _tolerances(
+    drive: Drive, given: RobustOptions
+) -> dict[str, optimize.Normal | optimize.Uniform]:
     """`Uniform` for each --within and `Normal` for each --deviation, by the number's key."""
-    optimize = importlib.import_module("beltjax.optimize")
-    kinds = {}
+    kinds: dict[str, optimize.Normal | optimize.Uniform] = {}
     for option, texts, kind in (
         ("--within", given.within, optimize.Uniform),
         ("--deviation", given.deviation, optimize.Normal),
@@ -68,7 +111,9 @@ def _tolerances(drive: Drive, given: Asked) -> dict[str, Any]:
     return kinds
 
 
-def _document(drive: Drive, found: Any, indices: dict[str, Any] | None) -> dict[str, Any]:
+def _document(
+    drive: Drive, found: optimize.Robustness, indices: dict[str, optimize.Indices] | None
+) -> dict[str, Any]:
     quantities = []
     for name, spread in found.spreads.items():
         row = {"name": name} | spread._asdict()
@@ -112,7 +157,7 @@ def _tables(document: dict[str, Any]) -> Group:
     return Group(*parts)
 
 
-def _share_table(document: dict[str, Any]) -> Any:
+def _share_table(document: dict[str, Any]) -> Table:
     """Which tolerance causes how much of each variance: by slopes or, if asked for, in all."""
     rows = document["quantities"]
     sampled = "indices" in rows[0]

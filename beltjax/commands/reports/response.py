@@ -2,7 +2,7 @@
 
 import functools
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -13,25 +13,68 @@ from rich.markup import escape
 from beltjax.analysis.damping import Damping
 from beltjax.analysis.response import Excitation, Response, speed_response
 from beltjax.analysis.sweep import CHUNK
-from beltjax.commands.arguments import asked, read_amplitude, read_named, read_range
-from beltjax.commands.documents import plain
-from beltjax.commands.jobs.vibrating import RPM, all_failed, vibrating
-from beltjax.commands.report import Report
-from beltjax.commands.tables import number, plain_table
-from beltjax.commands.warnings import response_warnings, warning_lines
+from beltjax.commands.reports.arguments import asked, read_amplitude, read_named, read_range
+from beltjax.commands.reports.documents import (
+    Document,
+    Part,
+    Row,
+    meaning,
+    model_flags,
+    plain,
+)
+from beltjax.commands.reports.report import Report
+from beltjax.commands.reports.tables import number, plain_table
+from beltjax.commands.reports.vibrating import RPM, all_failed, vibrating
+from beltjax.commands.reports.warnings import response_warnings, warning_lines
+from beltjax.commands.running import Advance
 from beltjax.compiling.quick import in_chunks, quickly_compiled
+from beltjax.drive.bodies import single_arm
 from beltjax.drive.canonical import canonical, canonical_name
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
 from beltjax.results import explanations
 
-Advance = Callable[[str, int, int | None], None]
 _MODAL_DAMPING = 0.02
 _ORDER = 2.0  # of a four-cylinder engine's firing
 
 
-class Forcing(NamedTuple):
+class SwingPart(Part):
+    """A complex amplitude over the speeds."""
+
+    amplitude: Row | list[Row] = meaning("zero to peak")
+    phase: Row | list[Row] = meaning("rad")
+
+
+class PeakPart(Part):
+    """An amplitude over the speeds."""
+
+    amplitude: list[Row] = meaning("zero to peak")
+
+
+class ResponseDocument(Document):
+    """`beltjax response`: rows by speed, columns by pulley or span."""
+
+    drive: str
+    success: bool = meaning("whether any speed succeeded")
+    order: float = meaning("of the excitation, per rotation of the driver")
+    driver_speed_rpm: list[float] = meaning("rpm")
+    hertz: list[float] = meaning("Hz, of the excitation")
+    pulleys: list[str] = meaning("names of the columns")
+    spans: list[str] = meaning("names of the columns")
+    pulley_rotation: SwingPart = meaning("rad")
+    arm_rotation: SwingPart | None = meaning("rad; null unless one arm carries one pulley")
+    coordinates: dict[str, SwingPart] = meaning("of each tensioner, by its name: rad, or m")
+    span_peak: PeakPart = meaning("m, largest deflection of each span")
+    tension: SwingPart = meaning("N, fluctuation of each span's tension")
+    hub_load: PeakPart = meaning("N, on each pulley")
+    slack_factor: Row = meaning(
+        "part of the excitation from which on each span goes slack; null: none does"
+    )
+    failures: list[str | None] = meaning("why each speed failed")
+
+
+class ResponseOptions(NamedTuple):
     """What `beltjax response` was given, as text; None: the file's, or the usual."""
 
     crank: str | None
@@ -41,10 +84,13 @@ class Forcing(NamedTuple):
     modal_damping: float | None
 
 
-def response_job(
-    path: str | os.PathLike[str], given: Forcing, figure: str | None, advance: Advance
+def response_report(
+    path: str | os.PathLike[str], given: ResponseOptions, figure: str | None, advance: Advance
 ) -> Report:
-    """Force the drive of a file over a range of speeds. Raises `FileError` as `sweep_job` does."""
+    """Force the drive of a file over a range of speeds.
+
+    Raises `FileError` as `sweep_report` does.
+    """
     drive, point = vibrating(path)
     excitation = _excitation(path, drive, point, given)
     order = _order(point, given)
@@ -71,14 +117,14 @@ def response_job(
     return Report(document, response_tables(document), failure, files)
 
 
-def _order(point: OperatingPoint, given: Forcing) -> float:
+def _order(point: OperatingPoint, given: ResponseOptions) -> float:
     if given.order is not None:
         return given.order
     file = point.excitation
     return _ORDER if file is None or file.order is None else float(file.order)
 
 
-def _excitation(path, drive: Drive, point: OperatingPoint, given: Forcing) -> Excitation:
+def _excitation(path, drive: Drive, point: OperatingPoint, given: ResponseOptions) -> Excitation:
     """The command's crank motion and torques; the file's where the command names neither."""
     file = point.excitation
     if given.crank is not None or given.torques:
@@ -95,7 +141,7 @@ def _excitation(path, drive: Drive, point: OperatingPoint, given: Forcing) -> Ex
     return Excitation(crank, {name: torques.get(name, 0.0) for name in drive.pulley_names})
 
 
-def _commanded(drive: Drive, given: Forcing) -> tuple[float, dict[str, float]]:
+def _commanded(drive: Drive, given: ResponseOptions) -> tuple[float, dict[str, float]]:
     """Amplitudes of the command's crank motion [rad] and torques [N m]."""
     crank = asked("--crank", lambda: read_amplitude(given.crank or "0", "rad"))
     torques = {}
@@ -148,9 +194,11 @@ def response_document(
         table = kept(table)
         return {"amplitude": plain(np.abs(table)), "phase": plain(np.angle(table))}
 
-    arm = drive.tensioner is not None
+    names = [body.name for body in drive.tensioners]
+    motions = kept(found.tensioner_motions)
     return {
         "drive": drive.name,
+        "model": model_flags(drive),
         "success": bool(good.any()),
         "warnings": response_warnings(drive, found),
         "order": order,
@@ -159,7 +207,8 @@ def response_document(
         "pulleys": list(drive.pulley_names),
         "spans": list(drive.span_names),
         "pulley_rotation": complex_of(found.rotations),
-        "arm_rotation": complex_of(found.arm_rotation) if arm else None,
+        "arm_rotation": complex_of(found.arm_rotation) if single_arm(drive) else None,
+        "coordinates": {name: complex_of(motions[:, k]) for k, name in enumerate(names)},
         "span_peak": {"amplitude": plain(kept(found.span_peaks))},
         "tension": complex_of(found.tensions),
         "hub_load": {"amplitude": plain(kept(found.hub_loads))},
@@ -184,6 +233,10 @@ def response_curves(document: dict[str, Any]) -> dict[str, dict[str, np.ndarray]
             table = factor * np.array(document[key]["amplitude"], dtype=float)
             columns = table.reshape(len(table), -1).T
             curves[kind] = dict(zip(names, columns, strict=True))
+    if document["arm_rotation"] is None:
+        for name, swing in document["coordinates"].items():
+            curve = np.array(swing["amplitude"], dtype=float)
+            curves.setdefault("tensioner motion (rad or m)", {})[name] = curve
     return curves
 
 

@@ -1,7 +1,6 @@
 """What `beltjax sweep` does, from a drive file to a report."""
 
 import os
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,22 +8,57 @@ from rich.console import Group
 from rich.markup import escape
 
 from beltjax.analysis.sweep import Sweep, require_count, sweep
-from beltjax.commands.arguments import asked, read_named, read_orders, read_range
-from beltjax.commands.documents import plain
-from beltjax.commands.jobs.vibrating import RPM, all_failed, vibrating
-from beltjax.commands.report import Report
-from beltjax.commands.tables import number, plain_table
-from beltjax.commands.warnings import sweep_warnings, warning_lines
+from beltjax.commands.reports.arguments import asked, read_named, read_orders, read_range
+from beltjax.commands.reports.documents import (
+    Document,
+    Part,
+    Row,
+    meaning,
+    model_flags,
+    plain,
+)
+from beltjax.commands.reports.report import Report
+from beltjax.commands.reports.tables import number, plain_table
+from beltjax.commands.reports.vibrating import RPM, all_failed, vibrating
+from beltjax.commands.reports.warnings import sweep_warnings, warning_lines
+from beltjax.commands.running import Advance
 from beltjax.draw.labels import span_label
 from beltjax.drive.numbers import require_number, unit_of
 from beltjax.drive.system import Drive
 
-Advance = Callable[[str, int, int | None], None]
 _ROWS = 13  # of a sweep's table; every row is in the JSON and the NetCDF file
 _COLUMNS = 8  # of them, to fit the width of a page
 
 
-def sweep_job(
+class VeeringPart(Part):
+    """Two modes that come close and exchange their shapes."""
+
+    value: float = meaning("of the swept number, SI")
+    modes: list[int] = meaning("counted from 1")
+    gap_hertz: float = meaning("Hz, least distance")
+    resolved: bool = meaning("false: the gap is an upper bound")
+
+
+class SweepDocument(Document):
+    """`beltjax sweep`: rows by value, columns by mode."""
+
+    drive: str
+    success: bool = meaning("whether any point succeeded")
+    over: str = meaning("key of the swept number")
+    unit: str = meaning("SI; empty for a pure number")
+    values: list[float] = meaning("of the swept number, with those inserted")
+    hertz: list[Row] = meaning("Hz; null where a mode is absent")
+    dimensionless: list[Row]
+    labels: list[str] = meaning("what moves most in each mode")
+    error: list[Row] = meaning("relative, of the frequencies")
+    mac: list[Row] = meaning("agreement of shapes with the last good point")
+    coupling: list[Row] = meaning("Gamma of each span")
+    coupling_total: Row = meaning("Gamma")
+    veerings: list[VeeringPart]
+    failures: list[str | None] = meaning("why each point failed")
+
+
+def sweep_report(
     path: str | os.PathLike[str],
     over: str,
     count: int,
@@ -74,6 +108,7 @@ def sweep_document(drive: Drive, found: Sweep) -> dict[str, Any]:
     return {
         "drive": drive.name,
         "success": bool(found.good.any()),
+        "model": model_flags(drive),
         "warnings": sweep_warnings(drive, found),
         "over": found.name,
         "unit": found.unit,

@@ -1,6 +1,5 @@
 """The report of a design study: one HTML file that needs nothing beside it."""
 
-import importlib
 import io
 import re
 from typing import Any
@@ -11,9 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from beltjax import optimize
 from beltjax.analysis.linearization import has_inertias
 from beltjax.analysis.sweep import sweep
-from beltjax.commands.tables import largest_changes
+from beltjax.commands.reports.tables import largest_changes
 from beltjax.draw.curves import sweep_figure
 from beltjax.draw.labels import span_label
 from beltjax.draw.layouts import before_and_after
@@ -27,7 +27,10 @@ _LARGEST = 12  # sensitivities shown
 
 
 def study_page(
-    study: Any, design: Any, document: dict[str, Any], before: dict[str, tuple[float, str]]
+    study: optimize.Study,
+    design: optimize.Design,
+    document: dict[str, Any],
+    before: dict[str, tuple[float, str]],
 ) -> bytes:
     """A page that opens without a network: design, limits, convergence, prices, frequencies.
 
@@ -42,7 +45,7 @@ def study_page(
     if design.success and has_inertias(design.drive):
         frequencies = inline_svg(_frequencies(design.drive, study.point))
     environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("beltjax.commands", ""),
+        loader=jinja2.PackageLoader("beltjax.commands.reports", ""),
         autoescape=True,
         trim_blocks=True,
         lstrip_blocks=True,
@@ -77,7 +80,7 @@ def _short(value: float | None) -> str:
     return "–" if value is None else f"{value:.5g}"
 
 
-def _bounds(study: Any) -> dict[str, tuple[float, float]]:
+def _bounds(study: optimize.Study) -> dict[str, tuple[float, float]]:
     limits = study.variables
     ends = zip(np.asarray(limits.lower), np.asarray(limits.upper), strict=True)
     return dict(zip(limits.names, ((float(a), float(b)) for a, b in ends), strict=True))
@@ -110,11 +113,12 @@ def _frequencies(drive: Drive, point: OperatingPoint) -> Figure:
     return sweep_figure(drive, found, labels, _ORDERS)
 
 
-def _sensitivities(study: Any, design: Any) -> list[tuple[str, float, float]]:
+def _sensitivities(
+    study: optimize.Study, design: optimize.Design
+) -> list[tuple[str, float, float]]:
     """What 1 % of each fixed number does to the optimum: name, change, derivative (SI)."""
     if not design.success:
         return []
-    optimize = importlib.import_module("beltjax.optimize")
     try:
         found = optimize.post_optimal(study, design)
     except ValueError:  # no strict optimum: nothing to differentiate

@@ -1,0 +1,51 @@
+"""Declares `beltjax contact`; its work is in `reports/contact.py`."""
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from beltjax.commands.registry import command, figure_option, json_option
+from beltjax.commands.running import Advance, answer
+
+if TYPE_CHECKING:
+    from beltjax.commands.reports.documents import Document
+    from beltjax.commands.reports.report import Report
+
+
+def _document() -> type["Document"]:
+    from beltjax.commands.reports.contact import ContactDocument
+
+    return ContactDocument
+
+
+@command(_document)
+@click.argument("drive_file", metavar="DRIVE.toml")
+@click.option("--maximum", is_flag=True, help="Raise all torques until a pulley slips fully.")
+@click.option(
+    "--law",
+    type=click.Choice(["kong", "hyperelastic"]),
+    default="kong",
+    show_default=True,
+    help="T = EA e, or the law that conserves energy.",
+)
+@json_option
+@figure_option
+@click.option("--compare", metavar="FILE.png", help="Spans beside those of fixed contact points.")
+def contact(
+    drive_file: str,
+    maximum: bool,
+    law: Any,
+    json_path: str | None,
+    figure: str | None,
+    compare: str | None,
+) -> None:
+    """Where the belt touches, adheres and slips; tensions, speeds, efficiency."""
+
+    def work(advance: Advance) -> "Report":
+        from beltjax.commands.reports.contact import contact_report
+
+        return contact_report(drive_file, maximum, law, figure, compare)
+
+    answer(
+        work, read=drive_file, json=json_path, pictures=(figure, compare), busy="solving contact"
+    )

@@ -1,1 +1,0 @@
-"""What each command does, from a file to its report."""

@@ -1,0 +1,129 @@
+"""The registry of commands: each file of this folder declares one and registers it.
+
+A new command is one more file here: a function with Click's options, under `command`. What is slow
+to load is imported inside of the function, so that `beltjax --help` does not wait for JAX.
+"""
+
+import importlib
+import pkgutil
+import runpy
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
+
+import click
+
+import beltjax
+from beltjax.commands.running import prepare_jax
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from beltjax.commands.reports.documents import Document
+
+_SHARED = ("cli", "registry", "running")  # the files of this folder that declare no command
+
+
+class RegisteredCommand(NamedTuple):
+    """A command of the command line, and the keys of the JSON document that it writes."""
+
+    command: click.Command
+    document: Callable[[], type["Document"]]  # imports the class, which is slow to load
+
+
+_REGISTERED: dict[str, RegisteredCommand] = {}
+
+
+def _run_first(context: click.Context, parameter: click.Parameter, paths: tuple[str, ...]) -> None:
+    """Run Python files, which register what they define."""
+    for path in paths:
+        prepare_jax()
+        try:
+            runpy.run_path(path)
+        except Exception as error:
+            reason = f"{type(error).__name__}: {error}"
+            raise click.ClickException(f"{path}: cannot be run ({reason})") from error
+
+
+def _list_quantities(context: click.Context, parameter: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        from beltjax.commands.reports.listings import quantity_listing
+
+        _print_and_leave(context, quantity_listing())
+
+
+def _list_optimizers(context: click.Context, parameter: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        from beltjax.commands.reports.listings import optimizer_listing
+
+        _print_and_leave(context, optimizer_listing())
+
+
+def _print_and_leave(context: click.Context, table: "Table") -> None:
+    from rich.console import Console
+
+    Console(width=120).print(table)
+    context.exit()
+
+
+def _listing_option(
+    name: str, callback: Callable[[click.Context, click.Parameter, bool], None], what: str
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    return click.option(
+        name, is_flag=True, is_eager=True, expose_value=False, callback=callback,
+        help=f"List all {what} and leave.",
+    )  # fmt: skip
+
+
+json_option = click.option(
+    "--json", "json_path", metavar="FILE", help="Write one JSON object; '-' for standard output."
+)
+figure_option = click.option("--figure", metavar="FILE.png", help="Write a picture.")
+quantity_option = click.option(
+    "--quantity", multiple=True, metavar="NAME", help='As in a study; "coupling" unless given.'
+)
+seed_option = click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the sample."
+)
+quantities_option = _listing_option("--quantities", _list_quantities, "quantities")
+optimizers_option = _listing_option("--methods", _list_optimizers, "optimizers")
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(beltjax.__version__)
+@click.option(
+    "--extend",
+    multiple=True,
+    metavar="FILE.py",
+    is_eager=True,
+    expose_value=False,
+    callback=_run_first,
+    help="Run a Python file first that registers quantities, optimizers or commands.",
+)
+def group() -> None:
+    """Analysis and design of serpentine belt drives."""
+
+
+def command(
+    document: Callable[[], type["Document"]],
+) -> Callable[[Callable[..., None]], click.Command]:
+    """Register a function as the command of its name.
+
+    `document` returns the class that describes the command's JSON document; the JSON Schemas and
+    docs/documents.md are made from it.
+    """
+
+    def register(function: Callable[..., None]) -> click.Command:
+        made = group.command()(function)
+        _REGISTERED[str(made.name)] = RegisteredCommand(made, document)
+        return made
+
+    return register
+
+
+def registered() -> dict[str, RegisteredCommand]:
+    """All commands by their names; imports the files of this folder that declare them."""
+    package = importlib.import_module(__package__ or "")
+    for module in pkgutil.iter_modules(package.__path__):
+        if not module.ispkg and module.name not in _SHARED:
+            importlib.import_module(f"{__package__}.{module.name}")
+    return dict(sorted(_REGISTERED.items()))

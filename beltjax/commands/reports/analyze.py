@@ -1,0 +1,414 @@
+"""What `beltjax analyze` does, from a drive file to a report."""
+
+import math
+import os
+from typing import Annotated, Any
+
+import jax
+import numpy as np
+from pydantic import Field
+from rich.console import Group
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from beltjax.analysis.linearization import has_inertias
+from beltjax.analysis.modes import Modes
+from beltjax.analysis.sensitivity import (
+    Gradient,
+    Sensitivities,
+    canonical_sensitivities,
+    in_names_of,
+)
+from beltjax.analysis.steady import SteadyState
+from beltjax.commands.reports import states
+from beltjax.commands.reports.diagnosis import diagnose
+from beltjax.commands.reports.documents import (
+    Document,
+    Maybe,
+    Number,
+    Part,
+    Row,
+    meaning,
+    model_flags,
+    plain,
+)
+from beltjax.commands.reports.report import Report
+from beltjax.commands.reports.tables import largest_changes, number, plain_table
+from beltjax.commands.reports.vibrating import MOST_VIBRATING, require_few_pulleys, require_inertias
+from beltjax.commands.reports.warnings import modes_left_out, steady_warnings, warning_lines
+from beltjax.compiling.kept_programs import run_kept
+from beltjax.draw.labels import mode_labels
+from beltjax.drive.bodies import single_arm
+from beltjax.drive.canonical import canonical
+from beltjax.drive.files import load_drive
+from beltjax.drive.layout import alignment_angles
+from beltjax.drive.numbers import named_numbers
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
+from beltjax.files.errors import FileError
+from beltjax.numerics.bases import Legendre
+from beltjax.results import RESULTS, succeeded
+
+MODES = 8
+_FUNCTIONS = 40  # a span: frequencies to 1e-6 for any bending stiffness, and mostly to 1e-10
+_COORDINATES = 500  # of all spans, whose modes are found in some seconds
+_LARGEST_SENSITIVITIES = 8
+
+
+class SpanPart(Part):
+    """A span of the path."""
+
+    name: str = meaning("between its pulleys' names, in listed order")
+    length: Maybe = meaning("m")
+
+
+class LayoutPart(Part):
+    """The path of the belt at rest."""
+
+    spans: list[SpanPart]
+    wraps_deg: Row = meaning("of each pulley")
+    path_length: Maybe = meaning("m")
+    alignment_angles_deg: Annotated[list[float], Field(min_length=2, max_length=2)] | None = (
+        meaning("beta_in and beta_out; null unless one arm carries one pulley")
+    )
+
+
+class ReferencePart(Part):
+    """The belt at rest with the torques."""
+
+    tensions: Row = meaning("N, of each span")
+    unstretched_length: Maybe = meaning("m, of the belt")
+    arm_angle: Maybe = meaning("rad, direction of the arm")
+    arm_turn: Maybe = meaning("rad, by which torques turned the arm from where it is drawn")
+    free_angle: Maybe = meaning("rad, with its spring relaxed; whole turns count")
+    tensioner_effectiveness: Maybe | list[Row] = meaning(
+        "eta; null without a tensioner; of several belts a matrix"
+    )
+
+
+class GroupsPart(Part):
+    """The drive in pure numbers, and what they are measured in."""
+
+    bending: Maybe = meaning("eps")
+    speed: Maybe = meaning("s")
+    stretch: Maybe = meaning("gamma")
+    spring: Maybe = meaning("k_s; null without a tensioner")
+    tensions: Row = meaning("of each span at rest, over the tension without torques")
+    length: Maybe = meaning("m, mean of the spans")
+    time: Maybe = meaning("s, unit of time")
+
+
+class SteadyPart(Part):
+    """The running drive."""
+
+    tension_change: Maybe | Row = meaning("T, over the tension at rest without torques")
+    tensions: Row = meaning("N, of each span")
+    arm_rotation: Maybe = meaning("rad, from where it is at rest with the torques")
+    coupling: Row = meaning("Gamma of each span")
+    stiffness_ratios: Row = meaning("sqrt(EI/T)/radius of each pulley")
+    coupling_total: Maybe = meaning("Gamma")
+
+
+class ModesPart(Part):
+    """The lowest modes, each list by mode."""
+
+    dimensionless: Row = meaning("frequencies in the unit of time")
+    hertz: Row = meaning("Hz")
+    labels: list[str] = meaning("what moves")
+    error: Row = meaning("relative, estimated")
+
+
+class SlopesPart(Part):
+    """Derivatives with respect to every number of the file, by its key, SI."""
+
+    coupling_total: dict[str, Number] = meaning("of Gamma; a point has two")
+    frequencies: dict[str, Number] | None = meaning("of each mode's frequency [rad/s]")
+
+
+class AnalyzeDocument(Document):
+    """`beltjax analyze`."""
+
+    drive: str = meaning("name of the drive")
+    success: bool
+    layout: LayoutPart
+    reference: ReferencePart | None = meaning("null where none was found")
+    groups: GroupsPart | None
+    steady: SteadyPart | None = meaning("null where the drive does not run")
+    coordinates: list[states.CoordinatePart] | None = meaning("of the tensioners, where they rest")
+    belts: list[states.BeltPart] | None
+    pulleys: list[states.PulleyPart] = meaning("in listed order")
+    spans: list[states.SpanStatePart] = meaning("in listed order")
+    isolators: list[states.IsolatorPart] | None
+    modes: ModesPart | None = meaning("null without inertias")
+    sensitivities: SlopesPart | None
+
+
+def analyze_report(path: str | os.PathLike[str], figure: str | None = None) -> Report:
+    """Analyze one drive file, and draw its modes if asked.
+
+    Raises `FileError` where the file describes no possible drive.
+    """
+    drive, point = load_drive(path)
+    if figure:
+        require_inertias(drive, path, "modes to draw need")
+        require_few_pulleys(drive, path, "modes to draw")
+    numbers = canonical(drive, point)
+    pulleys = len(drive.pulleys)
+    few = pulleys <= MOST_VIBRATING
+    basis = Legendre(min(_FUNCTIONS, max(_COORDINATES // pulleys, 1)))
+    asked = (MODES if few else 0), basis
+    found = jax.device_get(run_kept(canonical_sensitivities, *numbers, *asked))
+    found = in_names_of(drive, point, found)
+    why = diagnose(drive, point, found.steady)
+    if why and why.impossible:
+        raise FileError(path, why.key, why.message)
+    failure = str(FileError(path, why.key, why.message)) if why else ""
+    document: dict[str, Any] = analyze_document(drive, point, found) | {"success": not failure}
+    if has_inertias(drive) and not few:
+        document["warnings"].append(modes_left_out(drive, MOST_VIBRATING))
+    tables = analyze_tables(document, plain_numbers(drive, point))
+    files: tuple[tuple[str, bytes], ...] = ()
+    if figure and found.modes and not failure:
+        from beltjax.draw.layouts import mode_shapes, picture_bytes  # slow to load
+
+        picture = mode_shapes(drive, point, found.modes)
+        files = ((figure, picture_bytes(picture, figure)),)
+    return Report(document, tables, failure, files)
+
+
+def analyze_document(drive: Drive, point: OperatingPoint, found: Sensitivities) -> dict[str, Any]:
+    """Layout, reference state, groups, steady state, modes and sensitivities of one drive.
+
+    What does not apply is None: the arm of a drive without tensioner, the states beyond one
+    that failed.
+    """
+    steady = found.steady
+    running = bool(succeeded(steady.result))
+    rested = bool(succeeded(steady.reference.result))
+    rests = rested or bool(steady.reference.result == RESULTS.span_slack)
+    return {
+        "drive": drive.name,
+        "model": model_flags(drive),
+        "success": running,
+        "warnings": steady_warnings(drive, steady),
+        "layout": _layout(drive, steady),
+        "reference": _reference(drive, steady, rested) if rests else None,
+        "groups": _groups(steady) if rested else None,
+        "steady": _steady(drive, steady) if running else None,
+        "coordinates": states.coordinates(drive, steady) if rests else None,
+        "belts": states.belts(drive, steady, running) if rests else None,
+        "pulleys": states.pulleys(drive, point, steady, running),
+        "spans": states.spans(drive, steady, running),
+        "isolators": states.isolators(drive, steady) if rests else None,
+        "modes": _modes(drive, found.modes) if running and found.modes else None,
+        "sensitivities": _sensitivities(drive, found) if running else None,
+    }
+
+
+def plain_numbers(
+    drive: Drive, point: OperatingPoint, of: tuple[Drive, OperatingPoint] | None = None
+) -> dict[str, Any]:
+    """The numbers of a drive, or of a gradient by those `of` one, by their keys in the file."""
+    return {name: plain(value) for name, value in named_numbers(drive, point, of).items()}
+
+
+def _layout(drive: Drive, steady: SteadyState) -> dict[str, Any]:
+    at = steady.reference.layout
+    lengths = plain(at.span_lengths)
+    spans = [
+        {"name": name, "length": length}
+        for name, length in zip(drive.span_names, lengths, strict=True)
+    ]
+    return {
+        "spans": spans,
+        "wraps_deg": plain(np.degrees(at.wraps)),
+        "path_length": plain(at.path_length),
+        "alignment_angles_deg": plain(np.degrees(alignment_angles(drive, at)[0]))
+        if single_arm(drive)
+        else None,
+    }
+
+
+def _reference(drive: Drive, steady: SteadyState, rested: bool) -> dict[str, Any]:
+    reference = steady.reference
+    arm = single_arm(drive)
+    effective = rested and len(drive.tensioners) > 0
+    return {
+        "tensions": plain(reference.tensions),
+        "unstretched_length": plain(reference.unstretched_length),
+        "arm_angle": plain(reference.arm_angle) if arm else None,
+        "arm_turn": plain(reference.coordinates[0]) if arm else None,  # from drawn
+        "free_angle": plain(reference.free_angle) if arm else None,
+        "tensioner_effectiveness": plain(steady.effectiveness) if effective else None,
+    }
+
+
+def _groups(steady: SteadyState) -> dict[str, Any]:
+    groups, scales = steady.groups, steady.scales
+    return {
+        "bending": plain(groups.bending),
+        "speed": plain(groups.speed),
+        "stretch": plain(groups.stretch),
+        "spring": plain(groups.spring) if len(groups.units) == 1 else None,
+        "tensions": plain(groups.tensions),
+        "length": plain(scales.length),
+        "time": plain(scales.time),
+    }
+
+
+def _steady(drive: Drive, steady: SteadyState) -> dict[str, Any]:
+    return {
+        "tension_change": plain(steady.tension_change),
+        "tensions": plain(steady.running_tensions),
+        "arm_rotation": plain(steady.arm_rotation) if single_arm(drive) else None,
+        "coupling": plain(steady.coupling),
+        "stiffness_ratios": plain(steady.stiffness_ratios),
+        "coupling_total": plain(np.sum(steady.coupling)),
+    }
+
+
+def _modes(drive: Drive, modes: Modes) -> dict[str, Any]:
+    return {
+        "dimensionless": plain(modes.dimensionless),
+        "hertz": plain(np.asarray(modes.frequencies) / (2 * np.pi)),
+        "labels": list(mode_labels(drive, modes)),
+        "error": plain(modes.error),
+    }
+
+
+def _sensitivities(drive: Drive, found: Sensitivities) -> dict[str, Any]:
+    def named(gradient: Gradient) -> dict[str, Any]:
+        # The point of a gradient has the numbers that the drive's own has.
+        return plain_numbers(*gradient, of=(drive, gradient[1]))
+
+    frequencies = found.frequencies
+    return {
+        "coupling_total": named(found.coupling),
+        "frequencies": None if frequencies is None else named(frequencies),
+    }
+
+
+def analyze_tables(document: dict[str, Any], sizes: dict[str, Any]) -> Group:
+    """The tables of `beltjax analyze`, from its JSON document and the numbers of the drive."""
+    parts = [*warning_lines(document), _span_table(document)]
+    parts += [_pulley_table(document), _summary_table(document)]
+    if document["coordinates"]:
+        parts.append(_coordinate_table(document))
+    parts.append(_model_line(document))
+    if document["modes"]:
+        parts.append(_mode_table(document["modes"]))
+    if document["sensitivities"]:
+        slopes = _gamma_table(document["sensitivities"]["coupling_total"], sizes)
+        parts.append(slopes if slopes.row_count else Text(_gamma_is_zero(sizes)))
+    return Group(*parts)
+
+
+def _span_table(document: dict[str, Any]) -> Table:
+    # Both tensions are under the operating torques.
+    headers = "span", "length (mm)", "standing (N)", "running (N)", "coupling Gamma_i"
+    table = plain_table(escape(document["drive"]), *headers)
+    spans, steady = document["layout"]["spans"], document["steady"] or {}
+    unknown = [None] * len(spans)
+    standing = (document["reference"] or {}).get("tensions", unknown)
+    columns = standing, steady.get("tensions", unknown), steady.get("coupling", unknown)
+    for span, still, running, gamma in zip(spans, *columns, strict=True):
+        length = number(1e3 * span["length"], 1)
+        tensions = number(still, 1), number(running, 1)
+        table.add_row(escape(span["name"]), length, *tensions, number(gamma, 4))
+    return table
+
+
+def _pulley_table(document: dict[str, Any]) -> Table:
+    table = plain_table("", "pulley", "wrap (deg)", "rpm", "torque (N m)", "hub load (N)")
+    for row in document["pulleys"]:
+        load = None if row["hub_load"] is None else math.hypot(*row["hub_load"])
+        rpm = row["speed"] * 30 / math.pi
+        columns = number(rpm, 0), number(row["torque"], 2), number(load, 0)
+        table.add_row(escape(row["name"]), number(row["wrap_deg"], 1), *columns)
+    return table
+
+
+def _coordinate_table(document: dict[str, Any]) -> Table:
+    columns = "installed", "at rest", "running", "", "stop"
+    table = plain_table("Tensioners, from the drawn position", "tensioner", *columns)
+    for row in document["coordinates"]:
+        factor, unit = (180 / math.pi, "deg") if row["kind"] == "rotary" else (1e3, "mm")
+        running = row["at_rest"] + row["change"]
+        places = (number(factor * x, 3) for x in (row["installed"], row["at_rest"], running))
+        table.add_row(escape(row["name"]), *places, unit, row["at_stop"] or "")
+    return table
+
+
+def _model_line(document: dict[str, Any]) -> Text:
+    """Which model the numbers are of."""
+    model = document["model"]
+    counted = [name.replace("_", " ") for name, counts in model.items() if counts]
+    if not counted:
+        return Text("model: Kong (2003), as published; docs/model.md says what it leaves out\n")
+    return Text(f"model: with {', '.join(counted)} ([model] of the drive file)\n")
+
+
+def _summary_table(document: dict[str, Any]) -> Table:
+    table = plain_table("", "quantity", "value", "unit")
+    layout, reference = document["layout"], document["reference"] or {}
+    groups, steady = document["groups"] or {}, document["steady"] or {}
+    rows = [
+        ("coupling Gamma, all spans", steady.get("coupling_total"), 4, ""),
+        ("tensioner effectiveness eta", reference.get("tensioner_effectiveness"), 4, ""),
+        ("tension change T", steady.get("tension_change"), 6, "P0"),
+        ("arm's turn, drawn to rest", reference.get("arm_turn"), 6, "rad"),
+        ("arm rotation theta_t, rest to running", steady.get("arm_rotation"), 6, "rad"),
+        ("belt length, unstretched", reference.get("unstretched_length"), 6, "m"),
+        ("path length", layout["path_length"], 6, "m"),
+        ("bending eps", groups.get("bending"), 5, ""),
+        ("speed s", groups.get("speed"), 5, ""),
+        ("stretch gamma", groups.get("stretch"), 2, ""),
+    ]
+    for label, value, digits, unit in rows:
+        if isinstance(value, list):  # of several belts
+            value = [row[k] for k, row in enumerate(value)] if "eta" in label else value
+            table.add_row(label, ", ".join(number(one, digits) for one in value), unit)
+        elif value is not None:
+            table.add_row(label, number(value, digits), unit)
+    return table
+
+
+def _mode_table(modes: dict[str, Any]) -> Table:
+    table = plain_table("Natural modes", "moves most", "Hz", "dimensionless")
+    for label, hertz, omega in zip(
+        modes["labels"], modes["hertz"], modes["dimensionless"], strict=True
+    ):
+        table.add_row(escape(label), number(hertz, 2), number(omega, 4))
+    return table
+
+
+def _gamma_table(slopes: dict[str, Any], sizes: dict[str, Any]) -> Table:
+    table = plain_table(
+        "What moves Gamma most, per 1 % of each number",
+        "number",
+        "change of Gamma",
+        "d Gamma/d number (SI)",
+    )
+    parts = (p for name in slopes for p in _components(name, sizes[name], slopes[name]))
+    for name, change, slope in largest_changes(parts)[:_LARGEST_SENSITIVITIES]:
+        table.add_row(escape(name), f"{change:+.3e}", f"{slope:+.4g}")
+    return table
+
+
+def _gamma_is_zero(sizes: dict[str, Any]) -> str:
+    """Why nothing moves Gamma."""
+    if sizes["belt.bending_stiffness"] == 0:
+        return (
+            "Nothing moves Gamma: the spans of a belt without bending stiffness are straight, and "
+            "it is zero (belt.bending_stiffness = 0)."
+        )
+    return "Nothing moves Gamma: all its derivatives are zero."
+
+
+def _components(name: str, size: Any, slope: Any) -> list[tuple[str, float, float]]:
+    if not isinstance(slope, list):
+        return [(name, size, slope)]
+    indices = [f"[{i}]" for i in range(len(slope))]
+    labels = [".x", ".y"] if name.endswith(("center", "pivot")) else indices
+    return [(name + label, *part) for label, *part in zip(labels, size, slope, strict=True)]

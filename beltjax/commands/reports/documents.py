@@ -1,0 +1,83 @@
+"""What every command writes as JSON: documents with the fixed keys, and what each key holds."""
+
+import json
+import math
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from beltjax.drive.system import Drive
+
+# The version of all documents. Raised where a key goes or changes its meaning; new keys keep it.
+VERSION = "1"
+Maybe = float | None
+Row = list[Maybe]
+Number = Maybe | Row | list[Row]
+
+
+def meaning(text: str, **more: Any) -> Any:
+    """A key of a document, with what it holds in words."""
+    return Field(description=text, **more)
+
+
+class Part(BaseModel):
+    """A part of a document: no key but those named."""
+
+    model_config = ConfigDict(extra="forbid")
+
+
+class WarningPart(Part):
+    """What limits the trust in a success."""
+
+    code: str = meaning(
+        "`belt_stiff_on_pulley`, `span_slackens` (members of `bj.RESULTS`) or `modes_left_out`"
+    )
+    text: str = meaning("the same in words, with names and numbers")
+
+
+class ModelPart(Part):
+    """Which terms that Kong (2003) leaves out are counted."""
+
+    arm_curvature: bool
+    stretching_arcs: bool
+    belt_inertia: bool
+
+
+class Document(Part):
+    """What every document has."""
+
+    schema_: Annotated[Literal["1"], Field(alias="schema", description="version of the document")]
+    warnings: list[WarningPart] = meaning("empty where nothing limits the trust")
+    model: ModelPart = meaning("of the drive file")
+
+
+def plain(value: Any) -> Any:
+    """An array as a number or nested lists; what is not finite becomes None."""
+    if value is None:
+        return None
+    number = np.asarray(value).tolist()
+    if isinstance(number, list):
+        return [plain(item) for item in number]
+    return number if math.isfinite(number) else None
+
+
+def model_flags(drive: Drive) -> dict[str, bool]:
+    """Which terms that the source leaves out are counted."""
+    names = "arm_curvature", "stretching_arcs", "belt_inertia"
+    return {name: bool(float(getattr(drive.model, name))) for name in names}
+
+
+def complete(document: dict[str, Any]) -> dict[str, Any]:
+    """A command's document with what all of them have: its version, and its warnings if none."""
+    return {"schema": VERSION, "warnings": []} | document
+
+
+def json_bytes(document: dict[str, Any]) -> bytes:
+    """A JSON file of one object."""
+    return (json_text(document) + "\n").encode()
+
+
+def json_text(document: dict[str, Any]) -> str:
+    """`document` as JSON text."""
+    return json.dumps(document, indent=2, allow_nan=False)

@@ -1,0 +1,189 @@
+"""What a document tells of each tensioner, belt, pulley, span and isolator of a drive."""
+
+from typing import Any, Literal
+
+import jax.numpy as jnp
+import numpy as np
+
+from beltjax.analysis.steady import SteadyState
+from beltjax.commands.reports.documents import Maybe, Part, meaning, plain
+from beltjax.drive.components import KINDS
+from beltjax.drive.layout import Loops
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.shafts import transmission
+from beltjax.drive.system import Drive
+from beltjax.results import succeeded
+
+
+class CoordinatePart(Part):
+    """Where a tensioner stands, from the drawn position: rad, or m of a linear one."""
+
+    name: str
+    kind: Literal["rotary", "linear"]
+    installed: Maybe = meaning("without torques")
+    at_rest: Maybe = meaning("with torques")
+    change: Maybe = meaning("from at rest to running")
+    at_stop: Literal["least", "greatest"] | None = meaning("which stop holds it")
+
+
+class BeltPart(Part):
+    """A belt."""
+
+    name: str
+    tension_change: Maybe = meaning("N, from at rest to running")
+    unstretched_length: Maybe = meaning("m")
+    path_length: Maybe = meaning("m")
+    speed: Maybe = meaning("m/s, of the unstretched belt")
+
+
+class PulleyPart(Part):
+    """A pulley."""
+
+    name: str
+    wrap_deg: Maybe
+    speed: Maybe = meaning("rad/s, counterclockwise")
+    hub_load: list[float] | None = meaning(
+        "N, x and y, of the running tensions; null: does not run"
+    )
+    torque: Maybe = meaning("N m, taken from the belt")
+
+
+class SpanStatePart(Part):
+    """A span."""
+
+    name: str
+    length: Maybe = meaning("m")
+    tension: Maybe = meaning("N, running")
+    meter_hz: Maybe = meaning("Hz, of the held span at rest, as a tension meter hears it")
+
+
+class IsolatorPart(Part):
+    """An isolator."""
+
+    pulley: str = meaning("the first of those that its rim carries")
+    torque: Maybe = meaning("N m, from the rim to the hub")
+    wind_up: Maybe = meaning("rad, torque over stiffness")
+
+
+def coordinates(drive: Drive, steady: SteadyState) -> list[dict[str, Any]]:
+    """Where each tensioner stands: installed, at rest with torques, and how running moves it."""
+    reference, stops = steady.reference, {-1: "least", 1: "greatest"}
+    columns = zip(
+        drive.tensioners,
+        plain(reference.installed),
+        plain(reference.coordinates),
+        plain(steady.coordinate_change),
+        np.where(steady.at_stop != 0, steady.at_stop, reference.at_stop).tolist(),
+        strict=True,
+    )
+    kinds = {sign: word for word, sign in KINDS.items()}
+    return [
+        {
+            "name": body.name,
+            "kind": kinds[float(body.kind)],
+            "installed": installed,
+            "at_rest": at_rest,
+            "change": change,
+            "at_stop": stops.get(int(at_stop)),
+        }
+        for body, installed, at_rest, change, at_stop in columns
+    ]
+
+
+def belts(drive: Drive, steady: SteadyState, running: bool) -> list[dict[str, Any]]:
+    """Each belt: how its tension changes when it runs, its lengths and its speed."""
+    reference, scales = steady.reference, steady.scales
+    changes = np.atleast_1d(np.asarray(steady.tension_change)) * float(scales.tension)
+    mass = float(drive.belt.mass_per_length)
+    speeds = np.asarray(steady.groups.speeds) * np.sqrt(float(scales.tension) / mass)
+    columns = zip(
+        drive.belts,
+        plain(changes),
+        plain(reference.unstretched_lengths),
+        plain(reference.layout.path_lengths),
+        plain(speeds),
+        strict=True,
+    )
+    return [
+        {
+            "name": belt.name,
+            "tension_change": change if running else None,
+            "unstretched_length": unstretched,
+            "path_length": path,
+            "speed": speed,
+        }
+        for belt, change, unstretched, path, speed in columns
+    ]
+
+
+def pulleys(
+    drive: Drive, point: OperatingPoint, steady: SteadyState, running: bool
+) -> list[dict[str, Any]]:
+    """Each pulley: wrap, speed of rotation, load on its hub and torque."""
+    at, driven = steady.reference.layout, transmission(drive, point)
+    pulls = np.asarray(steady.running_tensions)[:, None] * np.asarray(at.directions)
+    loads = pulls - np.asarray(Loops(drive.loop_sizes).preceding(jnp.asarray(pulls)))
+    columns = zip(
+        drive.pulley_names,
+        plain(np.degrees(at.wraps)),
+        plain(np.asarray(driven.turning * driven.speeds / drive.radii)),
+        plain(loads),
+        plain(driven.torques),
+        strict=True,
+    )
+    return [
+        {
+            "name": name,
+            "wrap_deg": wrap,
+            "speed": speed,
+            "hub_load": load if running else None,
+            "torque": torque,
+        }
+        for name, wrap, speed, load, torque in columns
+    ]
+
+
+def spans(drive: Drive, steady: SteadyState, running: bool) -> list[dict[str, Any]]:
+    """Each span: its length, its running tension and what a tension meter hears at rest."""
+    at, rest = steady.reference.layout, np.asarray(steady.reference.tensions)
+    of_span = [drive.belts[b] for b in drive.belt_of_span]
+    bending = np.array([float(belt.bending_stiffness) for belt in of_span])
+    mass = np.array([float(belt.mass_per_length) for belt in of_span])
+    number = np.pi / np.asarray(at.span_lengths)  # of the half wave
+    # What a tension meter hears: the held span at rest, whose ends turn freely.
+    squares = number**2 * (rest + bending * number**2) / mass
+    hertz = np.sqrt(np.maximum(squares, 0.0)) / (2 * np.pi)
+    columns = zip(
+        drive.span_names,
+        plain(at.span_lengths),
+        plain(steady.running_tensions),
+        plain(hertz),
+        strict=True,
+    )
+    rests = bool(succeeded(steady.reference.result))
+    return [
+        {
+            "name": name,
+            "length": length,
+            "tension": tension if running else None,
+            "meter_hz": heard if rests else None,
+        }
+        for name, length, tension, heard in columns
+    ]
+
+
+def isolators(drive: Drive, steady: SteadyState) -> list[dict[str, Any]]:
+    """Each isolator: what it transmits, and by how much that winds it up."""
+    torques = np.asarray(steady.reference.torques)
+    found = []
+    for isolator in drive.isolators:
+        flags = np.asarray(isolator.pulleys)
+        torque = float(np.sum(flags * torques))
+        found.append(
+            {
+                "pulley": drive.pulley_names[int(np.argmax(flags))],
+                "torque": torque,
+                "wind_up": torque / float(isolator.stiffness),
+            }
+        )
+    return found

@@ -1,0 +1,52 @@
+"""Declares `beltjax response`; its work is in `reports/response.py`."""
+
+from typing import TYPE_CHECKING
+
+import click
+
+from beltjax.commands.registry import command, figure_option, json_option
+from beltjax.commands.running import Advance, answer
+
+if TYPE_CHECKING:
+    from beltjax.commands.reports.documents import Document
+    from beltjax.commands.reports.report import Report
+
+
+def _document() -> type["Document"]:
+    from beltjax.commands.reports.response import ResponseDocument
+
+    return ResponseDocument
+
+
+@command(_document)
+@click.argument("drive_file", metavar="DRIVE.toml")
+@click.option("--crank", metavar="AMPLITUDE", help="Driver's rotation, zero to peak (rad).")
+@click.option("--torque", multiple=True, metavar="NAME=AMPLITUDE", help="On a pulley (N m).")
+@click.option("--order", type=float, help="Per rotation of the driver; 2 unless the file says.")
+@click.option("--speeds", default="600 rpm:6000 rpm:200", show_default=True, help="Of the driver.")
+@click.option("--modal-damping", type=float, help="Ratio of every mode; 0.02 unless given.")
+@json_option
+@figure_option
+def response(
+    drive_file: str,
+    crank: str | None,
+    torque: tuple[str, ...],
+    order: float | None,
+    speeds: str,
+    modal_damping: float | None,
+    json_path: str | None,
+    figure: str | None,
+) -> None:
+    """Forced vibration over the driver's speed, by crank motion or accessory torque."""
+
+    def work(advance: Advance) -> "Report":
+        from beltjax.commands.reports.response import ResponseOptions, response_report
+
+        return response_report(
+            drive_file,
+            ResponseOptions(crank, torque, order, speeds, modal_damping),
+            figure,
+            advance,
+        )
+
+    answer(work, read=drive_file, json=json_path, pictures=(figure,))

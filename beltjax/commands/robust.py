@@ -1,0 +1,55 @@
+"""Declares `beltjax robust`; its work is in `reports/robust.py`."""
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from beltjax.commands.registry import (
+    command,
+    json_option,
+    quantities_option,
+    quantity_option,
+    seed_option,
+)
+from beltjax.commands.running import Advance, answer
+
+if TYPE_CHECKING:
+    from beltjax.commands.reports.documents import Document
+    from beltjax.commands.reports.report import Report
+
+
+def _document() -> type["Document"]:
+    from beltjax.commands.reports.robust import RobustDocument
+
+    return RobustDocument
+
+
+@command(_document)
+@click.argument("drive_file", metavar="DRIVE.toml")
+@click.option(
+    "--within", multiple=True, metavar="NAME=SIZE", help="Anywhere up to SIZE from nominal."
+)
+@click.option(
+    "--deviation", multiple=True, metavar="NAME=SIZE", help="Normal, of that standard deviation."
+)
+@quantity_option
+@quantities_option
+@click.option("--samples", default=4096, show_default=True, help="Drives looked at.")
+@seed_option
+@click.option("--quantile", default=0.99, show_default=True, help="Of the worst values.")
+@click.option("--indices", is_flag=True, help="Shares of the variance from a sample, by SALib.")
+@json_option
+def robust(drive_file: str, quantity: tuple[str, ...], json_path: str | None, **given: Any) -> None:
+    """What tolerances make of a drive: means, deviations, quantiles, and which one matters.
+
+    For example --within "pulley.idler.center.x=0.5 mm" --deviation installation.tension=15.
+    """
+
+    def work(advance: Advance) -> "Report":
+        from beltjax.commands.reports.robust import RobustOptions, robust_report
+
+        return robust_report(
+            drive_file, RobustOptions(quantities=quantity or ("coupling",), **given)
+        )
+
+    answer(work, read=drive_file, json=json_path, busy="scattering the drive")

@@ -1,0 +1,180 @@
+"""The quantities that beltjax brings along; see `quantity` for adding others."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from beltjax.drive.buildable import clearances
+
+from .drive_analyses import DriveAnalyses
+from .quantities import quantity
+
+Scalar = Float[Array, ""]
+Many = Float[Array, " parts"]
+
+
+@quantity("coupling")
+def coupling(analyses: DriveAnalyses) -> Scalar:
+    """Coupling indicator Gamma, summed over the spans."""
+    return jnp.sum(analyses.steady.coupling)
+
+
+@quantity("coupling", place="span")
+def span_coupling(analyses: DriveAnalyses, span: int) -> Scalar:
+    """Coupling indicator Gamma of one span."""
+    return analyses.steady.coupling[span]
+
+
+@quantity("tensioner_effectiveness", needs="tensioner")
+def tensioner_effectiveness(analyses: DriveAnalyses) -> Scalar:
+    """Tensioner effectiveness eta."""
+    return analyses.steady.effectiveness
+
+
+@quantity("wraps", unit="rad", many=True)
+def wraps(analyses: DriveAnalyses) -> Many:
+    """Wrap of every pulley, with the contact points of a string."""
+    return analyses.steady.reference.layout.wraps
+
+
+@quantity("wrap", unit="rad", place="pulley")
+def wrap(analyses: DriveAnalyses, pulley: int) -> Scalar:
+    """Wrap of one pulley, with the contact points of a string."""
+    return analyses.steady.reference.layout.wraps[pulley]
+
+
+@quantity("clearance", unit="m", many=True)
+def clearance(analyses: DriveAnalyses) -> Many:
+    """Every gap between two rims, and between a rim and the belt."""
+    gaps = clearances(analyses.drive, analyses.steady.reference.layout)
+    return jnp.concatenate([gaps.rims, gaps.belt.ravel()])
+
+
+@quantity("tightness", many=True)
+def tightness(analyses: DriveAnalyses) -> Many:
+    """Span tensions at rest and effective tensions running, over P0; a slack span has none."""
+    steady = analyses.steady
+    return jnp.concatenate([steady.groups.tensions, steady.effective_tensions])
+
+
+@quantity("speed_ratio", place="pulley")
+def speed_ratio(analyses: DriveAnalyses, pulley: int) -> Scalar:
+    """Speed of one pulley over that of the driver."""
+    drive = analyses.drive
+    return (drive.drives @ drive.radii) / drive.pulleys[pulley].radius
+
+
+@quantity("tension", unit="N", place="span")
+def tension(analyses: DriveAnalyses, span: int) -> Scalar:
+    """Tension of one span of the running drive."""
+    return analyses.steady.running_tensions[span]
+
+
+@quantity("hub_load", unit="N", place="pulley")
+def hub_load(analyses: DriveAnalyses, pulley: int) -> Scalar:
+    """Force of the running belt on the hub of one pulley."""
+    at, tensions = analyses.steady.reference.layout, analyses.steady.running_tensions
+    after = tensions[pulley] * at.directions[pulley]
+    pull = after - tensions[pulley - 1] * at.directions[pulley - 1]
+    # Parallel spans of equal tension round an idler leave no load; its direction is then free.
+    return jnp.sqrt(jnp.sum(pull**2) + 1e-30)
+
+
+@quantity("slip_margin", place="pulley", needs="pulley friction")
+def slip_margin(analyses: DriveAnalyses, pulley: int) -> Scalar:
+    """Friction times wrap of one pulley, less the logarithm of the ratio of its tensions."""
+    friction = analyses.drive.pulleys[pulley].friction
+    assert friction is not None  # because it is needed
+    tensions = analyses.steady.effective_tensions
+    ratio = tensions[pulley] / tensions[pulley - 1]
+    return friction * analyses.steady.reference.layout.wraps[pulley] - jnp.abs(jnp.log(ratio))
+
+
+@quantity("path_length", unit="m")
+def path_length(analyses: DriveAnalyses) -> Scalar:
+    """Length of the belt's path at rest."""
+    return analyses.steady.reference.layout.path_length
+
+
+@quantity("belt_length", unit="m")
+def belt_length(analyses: DriveAnalyses) -> Scalar:
+    """Length of the belt without tension."""
+    return analyses.steady.reference.unstretched_length
+
+
+@quantity("span_length", unit="m", place="span")
+def span_length(analyses: DriveAnalyses, span: int) -> Scalar:
+    """Length of one span."""
+    return analyses.steady.reference.layout.span_lengths[span]
+
+
+@quantity("efficiency", needs="friction")
+def efficiency(analyses: DriveAnalyses) -> Scalar:
+    """Power that the driven pulleys take over that of the driver, by contact mechanics."""
+    return analyses.contact.efficiency
+
+
+@quantity("adhesion", unit="rad", place="pulley", needs="friction")
+def adhesion(analyses: DriveAnalyses, pulley: int) -> Scalar:
+    """Arc of one pulley on which the belt adheres, by contact mechanics."""
+    return analyses.contact.adhesions[pulley]
+
+
+@quantity("contact_wrap", unit="rad", place="pulley", needs="friction")
+def contact_wrap(analyses: DriveAnalyses, pulley: int) -> Scalar:
+    """Arc of one pulley that a stiff belt touches, by contact mechanics."""
+    return analyses.contact.wraps[pulley]
+
+
+@quantity("torque_factor", needs="friction")
+def torque_factor(analyses: DriveAnalyses) -> Scalar:
+    """Factor on all torques at which the first pulley slips fully."""
+    return analyses.slipping.torque_factor
+
+
+@quantity("maximum_moment", unit="N m", needs="friction")
+def maximum_moment(analyses: DriveAnalyses) -> Scalar:
+    """Moment of the driver at which the first pulley slips fully."""
+    return analyses.slipping.driver_moment
+
+
+@quantity("span_lengths", unit="m", many=True)
+def span_lengths(analyses: DriveAnalyses) -> Many:
+    """Length of every span."""
+    return analyses.steady.reference.layout.span_lengths
+
+
+@quantity("arm_rotation", unit="rad")
+def arm_rotation(analyses: DriveAnalyses) -> Scalar:
+    """Rotation of the tensioner arm from rest to the running drive."""
+    return analyses.steady.arm_rotation
+
+
+@quantity("frequency", unit="rad/s", place="mode", needs="inertia")
+def frequency(analyses: DriveAnalyses, mode: int) -> Scalar:
+    """The K-th natural frequency, counted from 1."""
+    return analyses.modes.frequencies[mode]
+
+
+@quantity("order_distance", unit="rad/s", place="order", needs="inertia", many=True)
+def order_distance(analyses: DriveAnalyses, order: float) -> Many:
+    """Distance of each of the lowest natural frequencies from order N of the driver's speed."""
+    return jnp.abs(analyses.modes.frequencies - order * analyses.driver_speed)
+
+
+@quantity("order_margin", place="order", needs="inertia", many=True)
+def order_margin(analyses: DriveAnalyses, order: float) -> Many:
+    """The same distance over that frequency of excitation."""
+    return order_distance(analyses, order) / (order * analyses.driver_speed)
+
+
+@quantity("span_amplitude", unit="m", place="span", needs="excitation")
+def span_amplitude(analyses: DriveAnalyses, span: int) -> Scalar:
+    """Largest deflection of one span in forced vibration, zero to peak."""
+    return analyses.response.span_peaks[0, span]
+
+
+@quantity("arm_amplitude", unit="rad", needs="excitation")
+def arm_amplitude(analyses: DriveAnalyses) -> Scalar:
+    """Amplitude of the tensioner arm in forced vibration, zero to peak."""
+    turning = analyses.response.arm_rotation[0]
+    return jnp.sqrt(turning.real**2 + turning.imag**2 + 1e-60)

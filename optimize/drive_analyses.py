@@ -1,0 +1,97 @@
+"""The analyses of one drive from which its quantities are measured."""
+
+import functools
+
+from jaxtyping import Array, Bool, Float
+
+from beltjax.analysis.contact import ContactState, contact_state, maximum_moment
+from beltjax.analysis.damping import Damping
+from beltjax.analysis.linearization import Linearization, linearize
+from beltjax.analysis.modes import Modes, modes
+from beltjax.analysis.response import Excitation, Response, frequency_response
+from beltjax.analysis.steady import SteadyState
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
+from beltjax.numerics.bases import Legendre
+from beltjax.results import RESULTS, succeeded
+
+MODES = 8  # natural modes that a study computes
+BASIS = Legendre(12)  # gives frequencies to about 0.1 %
+MODAL_DAMPING = 0.02  # of forced vibration, beside the arm's own
+ORDER = 2.0  # of forced vibration, unless the drive file says: four-cylinder firing
+
+_CONTACT, _VIBRATION = ("contact", "slipping"), ("modes", "response")  # properties with a result
+
+
+class DriveAnalyses:
+    """One drive with its analyses, each of which runs when a quantity first needs it.
+
+    Arguments: the drive, its operating point and its steady state, which is at hand already.
+    Functions under `quantity` take such an object and return an array.
+    """
+
+    def __init__(self, drive: Drive, point: OperatingPoint, steady: SteadyState):
+        self.drive, self.point, self.steady = drive, point, steady
+
+    @functools.cached_property
+    def contact(self) -> ContactState:
+        """The belt in contact with its pulleys, under the operating point's torques."""
+        return contact_state(self.drive, self.point, throw=False)
+
+    @functools.cached_property
+    def slipping(self) -> ContactState:
+        """The belt in contact with its pulleys, under the largest torques."""
+        return maximum_moment(self.drive, self.point, throw=False)
+
+    @functools.cached_property
+    def linearization(self) -> Linearization:
+        """The equations of small vibration about the steady state."""
+        return linearize(self.steady, BASIS, throw=False)
+
+    @functools.cached_property
+    def modes(self) -> Modes:
+        """The natural modes of lowest frequency."""
+        return modes(self.linearization, MODES, route="hermitian", throw=False)
+
+    @functools.cached_property
+    def response(self) -> Response:
+        """Forced vibration by the drive file's [excitation], at this speed of the driver."""
+        shaken = self.point.excitation
+        assert shaken is not None  # because the quantity needs "excitation"
+        order = ORDER if shaken.order is None else shaken.order
+        crank = 0.0 if shaken.crank is None else shaken.crank
+        return frequency_response(
+            self.linearization,
+            order * self.driver_speed[None],
+            Excitation(crank, dict(shaken.torque)),
+            self.drive.pulley_names,
+            damping=Damping(modal=MODAL_DAMPING),
+            throw=False,
+        )
+
+    @property
+    def driver_speed(self) -> Float[Array, ""]:
+        """The driver's angular speed [rad/s]."""
+        return self.point.speed(self.drive) / (self.drive.drives @ self.drive.radii)
+
+    def all_found(self) -> Bool[Array, ""]:
+        """Whether every analysis that has run found a state, even if the drive slips in it."""
+        good = succeeded(self.steady.result)
+        for result in self._results(_CONTACT):
+            slips = (result == RESULTS.gross_slip) | (result == RESULTS.wrap_vanished)
+            good = good & (succeeded(result) | slips)
+        for result in self._results(_VIBRATION):
+            good = good & succeeded(result)
+        return good
+
+    @property
+    def result(self) -> RESULTS:
+        """The first failure among the analyses that have run; the steady state comes first."""
+        result = self.steady.result
+        for own in self._results(_CONTACT + _VIBRATION):
+            result = RESULTS.where(succeeded(result), own, result)
+        return result
+
+    def _results(self, analyses: tuple[str, ...]) -> list[RESULTS]:
+        """The results of those analyses that have run: `vars` holds the cached properties."""
+        return [getattr(self, name).result for name in analyses if name in vars(self)]
