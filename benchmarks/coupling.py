@@ -154,7 +154,7 @@ def main() -> None:
     gamma, gradient = both(designs)
     slopes = {
         name: x
-        for name, x in named_numbers(*gradient, designs).items()
+        for name, x in named_numbers(*gradient, of=designs).items()
         if not any(w in name for w in absent)
     }
     small = {name: x[:200] for name, x in columns.items()}

@@ -84,7 +84,7 @@ def peer(designs, slopes):
 
 
 def _moved(numbers, name, value):
-    return eqx.tree_at(lambda n: named_numbers(*n, numbers)[name], numbers, value)
+    return eqx.tree_at(lambda n: named_numbers(*n, of=numbers)[name], numbers, value)
 
 
 def growth(batch):
@@ -127,7 +127,8 @@ def main() -> None:
             rows.append(Row(name + kind, batch, wrong, None, wait, cost))
             if kind and slopes is None:
                 slopes = {
-                    key: np.asarray(x) for key, x in named_numbers(*run(designs), designs).items()
+                    key: np.asarray(x)
+                    for key, x in named_numbers(*run(designs), of=designs).items()
                 }
     seconds, found, slope_error = peer(few, slopes)
     scipy_error = np.max(np.abs(found / fine - 1))

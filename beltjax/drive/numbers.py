@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from beltjax.drive.canonical import canonical_drive
-from beltjax.drive.components import KINDS, ArmSpring, concrete
+from beltjax.drive.components import KINDS, ArmSpring, Belt, Tensioner, concrete
 from beltjax.drive.installation import BeltGiven
 from beltjax.drive.layout import turned
 from beltjax.drive.operation import OperatingPoint
@@ -196,19 +196,21 @@ def moved_with(name: str) -> set[str]:
 
 def full_key(drive: Drive, name: str) -> str:
     """`name` as the drive's own key, in which the name of an only belt or tensioner may differ."""
-    words = name.split(".")
-    if name in {*_by_key(drive), *_arm_keys(drive)}:
-        return name
-    if words[0] == "tensioner" and len(drive.tensioners) == 1:
-        own = drive.tensioners[0].name
-        return (
-            f"{tensioner_key(drive, 0)}.{name.removeprefix('tensioner.').removeprefix(own + '.')}"
-        )
-    if words[0] == "belt" and len(drive.belts) == 1:
-        return f"belt.{name.removeprefix('belt.').removeprefix(drive.belt.name + '.')}"
-    if words[:2] in (["installation", "tension"], ["installation", "belt_length"]):
-        return name.removesuffix(f".{drive.belt.name}") if len(drive.belts) == 1 else name
+    table, _, rest = name.partition(".")
+    if table == "tensioner" and len(drive.tensioners) == 1:
+        fields = {*numbers(Tensioner), *(end[1:] for end in _OF_ARMS)}
+        return f"{tensioner_key(drive, 0)}.{_of_only(drive.tensioners[0].name, rest, fields)}"
+    if table == "belt" and len(drive.belts) == 1:
+        return f"belt.{_of_only(drive.belt.name, rest, {*numbers(Belt)})}"
+    if rest.startswith(("tension.", "belt_length.")) and len(drive.belts) == 1:
+        return name.removesuffix(f".{drive.belt.name}")
     return name
+
+
+def _of_only(owner: str, rest: str, fields: set[str]) -> str:
+    """The field in `rest`, before which the name of its only owner may stand."""
+    field = rest.removeprefix(f"{owner}.")
+    return field if field.partition(".")[0] in fields else rest
 
 
 def variable_names(drive: Drive) -> list[str]:
@@ -237,25 +239,23 @@ def _takers(drive: Drive) -> list[str]:
 
 def require_number(drive: Drive, name: str) -> None:
     """Raise `ValueError`, with some of the keys there are, unless `name` is one of them."""
-    names = number_names(drive)
-    if full_key(drive, name) in {*names, *_by_key(drive)}:
-        return
-    close = difflib.get_close_matches(name, names, n=3)
-    known = close or [key for key in _FEW if key in names] + [
-        f"pulley.{drive.pulleys[0].name}.radius"
-    ]
-    raise ValueError(f"there is no number {name!r} to vary; give for instance {', '.join(known)}")
+    require_numbers(drive, [name])
 
 
 def require_numbers(drive: Drive, names: Sequence[str]) -> None:
     """Raise `ValueError` unless all `names` are numbers of this drive that may be set together."""
+    own = number_names(drive)
+    known, seen = {*own, *_by_key(drive)}, set()
     for name in names:
-        require_number(drive, name)
-    full = [full_key(drive, name) for name in names]
-    repeated = sorted({name for name in names if full.count(full_key(drive, name)) > 1})
-    if repeated:
-        raise ValueError(f"{repeated[0]!r} is given twice; remove one of them")
-    if set(SPEEDS) <= set(full):
+        key = full_key(drive, name)
+        if key not in known:
+            few = [key for key in _FEW if key in own] + [f"pulley.{drive.pulleys[0].name}.radius"]
+            close = ", ".join(difflib.get_close_matches(name, own, n=3) or few)
+            raise ValueError(f"there is no number {name!r} to vary; give for instance {close}")
+        if key in seen:
+            raise ValueError(f"{name!r} is given twice; remove one of them")
+        seen.add(key)
+    if set(SPEEDS) <= seen:
         raise ValueError(f"{SPEEDS[0]} and {SPEEDS[1]} are one speed; give one of them")
 
 

@@ -54,15 +54,16 @@ def harmless(drive: Drive, point: OperatingPoint, good: Bool[Array, ""]) -> Numb
     count = len(drive.tensioners)
 
     def places(n: Numbers) -> list[Any]:
-        mounted, where = [body.on for body in n[0].tensioners], n[0].pulleys
+        # `tree_at` shows an empty tuple as one leaf.
+        moved, where = [n[0].tensioners[i] for i in range(count)], n[0].pulleys
         return [
             *(pulley.center for pulley in where),
             *(belt.axial_stiffness for belt in n[0].belts),
             *(belt.bending_stiffness for belt in n[0].belts),
             *(speed for speed in (n[1].belt_speed, n[1].driver_speed) if speed is not None),
             *(pulley.on for pulley in where),
-            *mounted,
-            *(body.stops for body in n[0].tensioners),
+            *(body.on for body in moved),
+            *(body.stops for body in moved),
         ]
 
     belts = len(drive.belts)

@@ -1,6 +1,7 @@
 """A whole drive: its belts, pulleys and bodies, and which belongs to which."""
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
@@ -130,14 +131,14 @@ class Drive(Readable):
                 raise ValueError(
                     f"Pulley {pulley.name!r}: there is no pulley {pulley.shaft!r} to share a shaft."
                 )
-        places = [self._belt_place(pulley) for pulley in self.pulleys]
+        places = _belt_places(self.belts, self.pulleys)
         if places != sorted(places):
             raise ValueError("Pulleys are listed belt after belt, in the order of the belts.")
         for name, size in zip(names, self.loop_sizes, strict=True):
             if size < 2:
                 which = "A drive" if len(names) == 1 else f"Belt {name!r}"
                 raise ValueError(f"{which} has at least two pulleys, not {size}.")
-        if len(self.shafts) != len(self.pulleys) - len(self.belts) + 1:
+        if not _is_tree(places, self.shafts):
             raise ValueError(
                 "Belts and shafts must form one tree: every belt shares a shaft with another, and "
                 "none two with the same; otherwise the split of the load is not determined."
@@ -184,10 +185,6 @@ class Drive(Readable):
         if rule.free is not None and rule.free.ndim == 1:
             require_shape("installation", rule.free, (springs,), "free, for each spring,")
 
-    def _belt_place(self, pulley: Pulley) -> int:
-        names = [belt.name for belt in self.belts]
-        return 0 if pulley.belt is None else names.index(pulley.belt)
-
     @property
     def belt(self) -> Belt:
         """The belt, or the first of several."""
@@ -201,7 +198,7 @@ class Drive(Readable):
     @property
     def loop_sizes(self) -> tuple[int, ...]:
         """Number of pulleys, and of spans, of each belt."""
-        places = [self._belt_place(pulley) for pulley in self.pulleys]
+        places = _belt_places(self.belts, self.pulleys)
         return tuple(places.count(place) for place in range(len(self.belts)))
 
     @property
@@ -291,6 +288,24 @@ def joined_shafts(pulleys: Sequence[tuple[str, str | None]]) -> tuple[tuple[int,
         tuple(place for place, shaft in enumerate(shaft_of) if shaft == first)
         for first in dict.fromkeys(shaft_of)
     )
+
+
+def _belt_places(belts: Sequence[Belt], pulleys: Sequence[Pulley]) -> list[int]:
+    """Place of the belt of each pulley."""
+    names = [belt.name for belt in belts]
+    return [0 if pulley.belt is None else names.index(pulley.belt) for pulley in pulleys]
+
+
+def _is_tree(belts: Sequence[int], shafts: Sequence[Sequence[int]]) -> bool:
+    """Whether shafts join all belts, by the belt of each pulley, and in one way only."""
+    group = list(range(max(belts) + 1))
+    for shaft in shafts:
+        for one, two in itertools.pairwise(shaft):
+            first, second = group[belts[one]], group[belts[two]]
+            if first == second:
+                return False
+            group = [first if of == second else of for of in group]
+    return len(set(group)) == 1
 
 
 def _several(given: Any, kind: type) -> tuple[Any, ...]:

@@ -296,6 +296,27 @@ def test_isolators_and_dampers_are_called_like_their_pulleys(tmp_path):
     assert [part.name for part in named.dampers] == ["crankshaft", "crankshaft 2", "crankshaft 3"]
 
 
+def test_belts_and_shafts_that_form_no_tree_are_refused_when_built():
+    def pulley(name, belt, shaft=None):
+        driver = name == "a1"
+        return bj.Pulley(name, [0, 0], 0.1, belt=belt, shaft=shaft, driver=driver)
+
+    def drive(*shafts):
+        belts = [bj.Belt(1e5, 0.01, 0.1, name=name) for name in "abc"]
+        pulleys = [
+            pulley(f"{name}{k}", name, dict(shafts).get(f"{name}{k}"))
+            for name in "abc"
+            for k in "123"
+        ]
+        return bj.Drive(belts, pulleys, bj.TensionGiven([300.0] * 3))
+
+    assert len(drive(("b1", "a1"), ("c1", "b2")).shafts) == 7
+    # Two belts that share two shafts leave out the third, though the numbers of shafts agree.
+    for shafts in ([("b1", "a1"), ("b2", "a2")], [("b1", "a1")], [("b1", "a1"), ("a2", "a3")]):
+        with pytest.raises(ValueError, match="one tree"):
+            drive(*shafts)
+
+
 def test_torque_is_allowed_on_a_carried_pulley(tmp_path):
     _, point = load(tmp_path, swap(TWO_ARMS, '"alternator" = 7', '"alternator" = 7\nidler = 0.5'))
     assert float(point.torque["idler"]) == 0.5

@@ -6,6 +6,7 @@ import random
 import re
 
 import pytest
+from bodies_cases import CASES
 from drives import EXAMPLES
 
 import beltjax as bj
@@ -16,6 +17,7 @@ from beltjax.files.units import si_of_text, to_si
 load_study = bj.optimize.load_study
 TEXTS = {path.name: path.read_text() for path in sorted(EXAMPLES.glob("*.toml"))}
 THREE = TEXTS["three_pulley.toml"]
+BODIES = {f"case_{name[:2]}.toml": case["file"] for name, case in CASES.items()}
 
 
 def refused(read, *args):
@@ -255,7 +257,7 @@ def read_mutants(folder, seed, count):
     chance, ended = random.Random(seed), []
     for name, text in TEXTS.items():
         (folder / name).write_text(text)
-    for name, text in TEXTS.items():
+    for name, text in (TEXTS | BODIES).items():
         read = bj.load_drive if "[belt]" in text else load_study
         path = folder / f"mutant_{name}"
         for k in range(count):

@@ -133,7 +133,7 @@ def test_every_variable_and_quantity_changes_what_its_name_says():
     turned = bj.optimize.with_values(
         drive, {"tensioner.angle": jnp.pi / 2, "tensioner.arm_length": jnp.array(0.1)}
     )
-    old, new = (np.asarray(d.arm) for d in (drive, turned))
+    old, new = (np.asarray(bj.layout(d).arms[0]) for d in (drive, turned))
     np.testing.assert_allclose(new, 0.1 * np.array([-old[1], old[0]]) / np.hypot(*old), rtol=1e-12)
 
     steady = bj.steady_state(drive, point)

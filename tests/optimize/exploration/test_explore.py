@@ -240,10 +240,10 @@ def test_tensioner_turns_with_the_pivot_it_was_given_in_any_order():
         {"tensioner.angle": turn, "tensioner.pivot.x": x},
         {"tensioner.pivot.x": x, "tensioner.angle": turn},
     ]
-    arms = [np.asarray(with_numbers(drive, point, way)[0].arm) for way in ways]
+    arms = [np.asarray(bj.layout(with_numbers(drive, point, way)[0]).arms[0]) for way in ways]
     np.testing.assert_array_equal(*arms)
     moved, _ = with_number(drive, point, "tensioner.pivot.x", x)
-    a, b = complex(*np.asarray(moved.arm)), complex(*arms[0])
+    a, b = complex(*np.asarray(bj.layout(moved).arms[0])), complex(*arms[0])
     assert b / a == pytest.approx(np.exp(0.3j))
 
 
