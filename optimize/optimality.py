@@ -47,7 +47,7 @@ class Optimality(NamedTuple):
 
     @property
     def residual(self) -> float:
-        """Of the Karush-Kuhn-Tucker conditions."""
+        """The largest residual of the Karush-Kuhn-Tucker conditions."""
         return max(self.stationarity, self.violation, self.complementarity)
 
 
@@ -71,7 +71,7 @@ def optimality(at: LocalModel, model_at: ModelAt, second: bool = True) -> Optima
 
 
 def _multipliers(at: LocalModel) -> Vector:
-    """Those that leave the least of stationarity and complementarity together."""
+    """The multipliers that leave the least of stationarity and complementarity together."""
     near = at.c > -_NEAR
     if not near.any():
         return np.zeros(len(at.c))
@@ -176,7 +176,7 @@ def _shortened(
 
 def response_to(
     at: LocalModel, shown: Optimality, model_at: ModelAt, mixed: np.ndarray, moved: np.ndarray
-):
+) -> np.ndarray:
     """Derivatives of an optimum [n, p] with respect to p numbers, by the implicit function theorem.
 
     `mixed` [n, p] are the derivatives of the Lagrangian's gradient and `moved` [m, p] of the

@@ -34,7 +34,7 @@ def _document() -> type["Document"]:
 )
 @quantity_option
 @quantities_option
-@click.option("--samples", default=4096, show_default=True, help="Drives looked at.")
+@click.option("--samples", default=4096, show_default=True, help="Number of drives in the sample.")
 @seed_option
 @click.option("--quantile", default=0.99, show_default=True, help="Of the worst values.")
 @click.option("--indices", is_flag=True, help="Shares of the variance from a sample, by SALib.")

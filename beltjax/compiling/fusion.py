@@ -46,7 +46,7 @@ def _run(program: ClosedJaxpr, given: Sequence[_Value]) -> list[_Value]:
     constants = [_Value(array, 0) for array in program.consts]
     known = dict(zip([*inside.constvars, *inside.invars], [*constants, *given], strict=True))
 
-    def read(atom) -> _Value:
+    def read(atom: Any) -> _Value:
         return _Value(atom.val, 0) if isinstance(atom, Literal) else known[atom]
 
     for equation in inside.eqns:

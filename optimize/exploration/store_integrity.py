@@ -1,4 +1,4 @@
-"""What of a store is intact: its metadata by a checksum of their own, its batches by their marks.
+"""Which parts of a store are intact: its metadata by their checksum, its batches by their marks.
 
 A batch's mark is a hash over the files that hold it, so that a file that is missing, cut off,
 changed or of another batch or store is found. The chunks carry a CRC-32C besides, which any
@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import UInt64
 
 DONE = "done"
-RECORD = "exploration"  # attribute of the store: what was asked
+RECORD = "exploration"  # attribute of the store: which exploration it is
 QUESTION = "question"  # attribute of the array "done": hash of the record
 METADATA = "zarr.json"
 _CHECKSUM = "checksum"  # attribute of the store: hash of its metadata, this left blank

@@ -53,7 +53,7 @@ class Robustness(NamedTuple):
 
 
 class RobustValue(NamedTuple):
-    """What a robust objective is made of; `value` is what to minimize."""
+    """A robust objective and its parts; `value` is what to minimize."""
 
     value: Float[Array, ""]
     mean: Float[Array, ""]
@@ -156,7 +156,9 @@ def robust_value(
     return RobustValue(value, mean, deviation, _NONE, 1 - runs)
 
 
-def _sampled_value(question: Question, kinds, measure, points: np.ndarray) -> RobustValue:
+def _sampled_value(
+    question: Question, kinds: tuple[Tolerance, ...], measure: Measure, points: np.ndarray
+) -> RobustValue:
     numbers = _nominal(question) + scattered(kinds, jnp.asarray(points))
     values, runs = jax.vmap(lambda one: _measured(question, one))(numbers).T
     # A drive that does not run counts as the mean of the others.
@@ -172,7 +174,9 @@ def _sampled_value(question: Question, kinds, measure, points: np.ndarray) -> Ro
     return RobustValue(value, mean, deviation, own, 1 - jnp.mean(runs))
 
 
-def _question(drive, point, quantities: Sequence[str], tolerances: Tolerances) -> Question:
+def _question(
+    drive: Drive, point: OperatingPoint, quantities: Sequence[str], tolerances: Tolerances
+) -> Question:
     if not tolerances:
         raise ValueError("tolerances: give at least one number its tolerance.")
     return Question(drive, point, tuple(tolerances), tuple(quantities))

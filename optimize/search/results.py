@@ -1,4 +1,4 @@
-"""What a search works with, and what it comes to."""
+"""The tools of a search, and its results."""
 
 import functools
 import time
@@ -61,7 +61,7 @@ class SearchResult(NamedTuple):
 
 
 class SearchTools(NamedTuple):
-    """What an optimizer is given beside the study and its starts."""
+    """The tools that an optimizer is given beside the study and its starts."""
 
     model_at: ModelAt  # the problem's values and exact derivatives at a design
     advance: Advance  # to be called as the work proceeds

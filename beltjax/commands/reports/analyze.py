@@ -133,7 +133,7 @@ class AnalyzeDocument(Document):
 
 
 def analyze_report(path: str | os.PathLike[str], figure: str | None = None) -> Report:
-    """Analyze one drive file, and draw its modes if asked.
+    """Analyze one drive file, and draw its modes where `figure` names a picture.
 
     Raises `FileError` where the file describes no possible drive.
     """
@@ -145,8 +145,8 @@ def analyze_report(path: str | os.PathLike[str], figure: str | None = None) -> R
     pulleys = len(drive.pulleys)
     few = pulleys <= MOST_VIBRATING
     basis = Legendre(min(_FUNCTIONS, max(_COORDINATES // pulleys, 1)))
-    asked = (MODES if few else 0), basis
-    found = jax.device_get(run_kept(canonical_sensitivities, *numbers, *asked))
+    count = MODES if few else 0
+    found = jax.device_get(run_kept(canonical_sensitivities, *numbers, count, basis))
     found = in_names_of(drive, point, found)
     why = diagnose(drive, point, found.steady)
     if why and why.impossible:

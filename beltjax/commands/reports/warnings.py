@@ -1,4 +1,4 @@
-"""What limits the trust in a result, in words: for the JSON, the tables and the command line."""
+"""Warnings: limits of the trust in a result, in words, for the JSON and the tables."""
 
 from typing import Any
 
@@ -22,7 +22,7 @@ def steady_warnings(drive: Drive, steady: SteadyState) -> Warnings:
 
 
 def drive_warnings(drive: Drive, point: OperatingPoint) -> Warnings:
-    """The same of the drive that a study of many drives starts from."""
+    """The warnings of the drive from which a study of many drives starts."""
     return steady_warnings(drive, steady_state(drive, point, throw=False))
 
 
