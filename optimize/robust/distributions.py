@@ -155,8 +155,8 @@ def sobol_indices(
     """
     require_sample("count", count * (len(tolerances) + 2), len(tolerances), seed)
     try:
-        from SALib.analyze import sobol as analyzer
-        from SALib.sample import sobol as sampler
+        import SALib.analyze.sobol as analyzer
+        import SALib.sample.sobol as sampler
     except ImportError as error:
         message = "SALib is not installed: pip install 'beltjax[robust]'"
         raise ValueError(message) from error
