@@ -1,4 +1,4 @@
-"""Which limits stand against each other where no design meets them all."""
+"""Limits in conflict: which ones no design meets together."""
 
 from typing import Any
 

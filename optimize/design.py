@@ -49,7 +49,7 @@ class ConstraintReport(NamedTuple):
 
 
 class StartReport(NamedTuple):
-    """How one start ended."""
+    """The end of one start."""
 
     final: float | None  # objective, with the true maximum over the operating points
     result: str
@@ -86,7 +86,7 @@ class Design(Readable):
 
     @property
     def success(self) -> bool:
-        """Whether an optimum was reached that meets all constraints."""
+        """Return whether an optimum was reached that meets all constraints."""
         return bool(succeeded(self.result))
 
 
@@ -175,7 +175,7 @@ def report(
 
 
 def _outcome(found: SearchResult, basins: list[_Basin]) -> tuple[RESULTS, np.ndarray]:
-    """How the search ended, and its best design."""
+    """Judge how the search ended, and pick its best design."""
     if basins:
         return RESULTS.successful, basins[0].at.x
     late = RESULTS.optimum_not_reached if found.in_time else RESULTS.time_limit_reached

@@ -1,4 +1,4 @@
-"""Whether a design is an optimum: multipliers, the active set, first and second order conditions.
+"""Conditions of an optimum: multipliers, the active set, first and second order.
 
 In the scaled problem of `problem.py`, box bounds among the constraints:
 
@@ -52,7 +52,7 @@ class Optimality(NamedTuple):
 
 
 def optimality(at: LocalModel, model_at: ModelAt, second: bool = True) -> Optimality:
-    """How well a design meets the conditions of an optimum; `second` costs 2n more evaluations."""
+    """Check the conditions of an optimum at a design; `second` costs 2n more evaluations."""
     active = at.c >= -CLOSE
     multipliers = _multipliers(at)
     gradient = at.df + multipliers @ at.dc

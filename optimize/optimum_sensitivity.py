@@ -1,4 +1,4 @@
-"""How an optimum moves when a number that the study holds fixed changes."""
+"""Derivatives of an optimum with respect to numbers that the study holds fixed."""
 
 from typing import NamedTuple
 

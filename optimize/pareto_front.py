@@ -52,7 +52,7 @@ class Front(NamedTuple):
 
     @property
     def success(self) -> bool:
-        """Whether every objective alone has an optimum."""
+        """Return whether every objective alone has an optimum."""
         return all(anchor.success for anchor in self.anchors)
 
 

@@ -179,7 +179,7 @@ def evaluation(study: Study, scales: ProblemScales, x: Unit) -> Evaluation:
 
 
 def part_counts(study: Study) -> list[int]:
-    """How many parts each constrained quantity has."""
+    """Count the parts of each constrained quantity."""
     shapes = eqx.filter_eval_shape(measured, study, study.drive)
     return [part.shape[0] for part in shapes.greatest]
 
@@ -217,7 +217,7 @@ def run_measured(study: Study, drive: Drive) -> Measured:
 
 
 class Starts(NamedTuple):
-    """Where the searches begin, and what the designs seen on the way say of the problem's size."""
+    """The designs at which searches begin, and the scales that a survey of designs gives."""
 
     points: Float[Array, "starts variables"]
     scales: ProblemScales
@@ -260,7 +260,7 @@ def measured_at(study: Study, begin: Starts, points: np.ndarray) -> list[Measure
 
 
 def _spread(values: np.ndarray) -> Float[Array, ""]:
-    """How far a quantity (or the part of it that moves most) ranges over most of the designs."""
+    """Measure the range of a quantity, or of its part that moves most, over most designs."""
     if not len(values):
         return jnp.ones(())
     low, high = np.quantile(values, [0.1, 0.9], axis=0)

@@ -57,7 +57,7 @@ def _run(program: ClosedJaxpr, given: Sequence[_Value]) -> list[_Value]:
 
 
 def _uses(program: Jaxpr) -> collections.Counter:
-    """How often each value of a program is used."""
+    """Count how often each value of a program is used."""
     atoms = [atom for equation in program.eqns for atom in equation.invars] + program.outvars
     return collections.Counter(atom for atom in atoms if not isinstance(atom, Literal))
 

@@ -17,7 +17,7 @@ Function = TypeVar("Function", bound=Callable)
 
 
 class Form(NamedTuple):
-    """How an answer is put together from its arrays."""
+    """The form in which an answer is put together from its arrays."""
 
     places: Any  # the answer, with the number of each array in its place
     rest: Any  # what is no array

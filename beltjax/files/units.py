@@ -147,7 +147,7 @@ def _other_notation(text: str) -> str:
 
 
 def _frequency(number: float, named: Any, unit: str) -> str:
-    """How a frequency is written as an angular speed; empty where it is none."""
+    """Say how a frequency is written as an angular speed; empty where it is none."""
     if unit != "rad/s" or named.dimensionality != _units().Unit("Hz").dimensionality:
         return ""
     rpm = 60 * number * _units().Quantity(1.0, named).to("1/s").magnitude

@@ -65,7 +65,7 @@ class Question(eqx.Module):
         return DriveAnalyses(drive, point, steady_state(drive, point, throw=False))
 
     def parts(self) -> dict[str, int | None]:
-        """How many numbers each quantity is; None for a plain number."""
+        """Count the numbers of each quantity; None stands for a plain number."""
         if not any(definition_of(name).many for name in self.quantities):
             return dict.fromkeys(self.quantities)
         blank = jnp.zeros((1, len(self.names)))

@@ -196,7 +196,7 @@ class Store:
             raise FileError(self.path, "", message) from error
 
     def _require_same(self, record: Mapping[str, Any]) -> bool:
-        """Whether the metadata are damaged of what is, by all that is left, this exploration."""
+        """Return whether the metadata of this exploration are damaged; refuse another one."""
         root = sealed_root(self.path)
         if root is not None:
             differs = _difference(attributes(root)[RECORD], record)

@@ -1,4 +1,4 @@
-"""How scattered numbers scatter a function: samples, moments, sensitivity indices.
+"""Scattered numbers and the functions that they scatter: samples, moments, indices.
 
 Knows no drives. A function takes the numbers [numbers] and returns a number or an array of them.
 """

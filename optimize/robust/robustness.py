@@ -1,4 +1,4 @@
-"""How tolerances scatter what a drive does, and objectives that count it."""
+"""Quantities under tolerances: their scatter, and objectives that count it."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -31,7 +31,7 @@ Tolerances = Mapping[str, Tolerance]
 
 
 class Spread(NamedTuple):
-    """How one quantity scatters, SI; of a quantity of many parts, the least part."""
+    """The scatter of one quantity, SI; a quantity of many parts counts as its least part."""
 
     unit: str
     nominal: float
@@ -44,7 +44,7 @@ class Spread(NamedTuple):
 
 
 class Robustness(NamedTuple):
-    """How a drive's quantities scatter under tolerances."""
+    """The scatter of a drive's quantities under tolerances."""
 
     spreads: dict[str, Spread]
     quantile: float

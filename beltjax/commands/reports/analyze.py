@@ -1,4 +1,4 @@
-"""What `beltjax analyze` does, from a drive file to a report."""
+"""The work of `beltjax analyze`: it turns a drive file into a report."""
 
 import os
 from typing import Annotated, Any
@@ -349,7 +349,7 @@ def _gamma_table(slopes: dict[str, Any], sizes: dict[str, Any]) -> Table:
 
 
 def _gamma_is_zero(sizes: dict[str, Any]) -> str:
-    """Why nothing moves Gamma."""
+    """Say why nothing moves Gamma."""
     if sizes["belt.bending_stiffness"] == 0:
         return (
             "Nothing moves Gamma: the spans of a belt without bending stiffness are straight, and "

@@ -1,4 +1,4 @@
-"""What `beltjax contact` does, from a drive file to a report."""
+"""The work of `beltjax contact`: it turns a drive file into a report."""
 
 import os
 from typing import Any
@@ -251,7 +251,7 @@ def _summary(document: dict[str, Any]) -> Table:
 
 
 def diagnose_contact(drive: Drive, point: OperatingPoint, state: ContactState) -> Diagnosis | None:
-    """Why a contact state is not physical, for the user; None where it is."""
+    """Say to the user why a contact state is not physical; None where it is."""
     result = state.result
     if succeeded(result):
         return None

@@ -1,4 +1,4 @@
-"""Why an analysis failed, in the words of the drive file: which key, what was found, what to do."""
+"""Diagnoses of failed analyses, which name the key of the drive file and what to do."""
 
 import dataclasses
 from typing import NamedTuple
@@ -30,7 +30,7 @@ class Diagnosis(NamedTuple):
 
 
 def diagnose(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagnosis | None:
-    """Why a steady state is no drive's, for the user; None where it is.
+    """Say to the user why a steady state is no drive's; None where it is.
 
     The layout at rest is checked as the drawn one was: torques, or a belt that is given, may
     have turned the arm into another pulley.

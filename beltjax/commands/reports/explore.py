@@ -1,4 +1,4 @@
-"""What `beltjax explore` does: ranges from the command line, a store, and a summary of it."""
+"""The work of `beltjax explore`: it reads ranges, fills a store and sums it up."""
 
 import functools
 import time
@@ -52,7 +52,7 @@ class QuantityPart(Part):
 
 
 class EndingPart(Part):
-    """How many designs ended in one way."""
+    """The number of designs that ended in one way."""
 
     result: str = meaning("a member of `bj.RESULTS`")
     designs: int
@@ -243,7 +243,7 @@ class _Extremes:
 
 
 def _outcomes(flags: dict[str, Any], counts: dict[int, int]) -> list[dict[str, Any]]:
-    """How many designs ended in which way, most of them first."""
+    """Count the designs by the way in which they ended, the most frequent first."""
     meanings = zip(flags["flag_values"], flags["flag_meanings"].split(), strict=True)
     texts = dict(zip(flags["flag_values"], flags["texts"], strict=True))
     names = {value: name for value, name in meanings}

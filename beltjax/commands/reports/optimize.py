@@ -1,4 +1,4 @@
-"""What `beltjax optimize` does, from a study file to a report."""
+"""The work of `beltjax optimize`: it turns a study file into a report."""
 
 import dataclasses
 import math
@@ -54,7 +54,7 @@ class LimitPart(Part):
 
 
 class StartPart(Part):
-    """How one start ended."""
+    """The end of one start."""
 
     final: Maybe
     result: str
@@ -104,7 +104,7 @@ class AsDrawnPart(Part):
 
 
 class ScatterPart(Part):
-    """How a study counts its tolerances."""
+    """The way in which a study counts its tolerances."""
 
     counted: str
     numbers: list[str]
@@ -294,7 +294,7 @@ def chosen_document(chosen: Sequence[optimize.Chosen]) -> dict[str, Any]:
 
 
 def robust_document(design: optimize.Design, scatter: optimize.Scatter) -> dict[str, Any]:
-    """How a study counts its tolerances, and its design's values without them."""
+    """The keys of a study's tolerances: how they count, and the design's values without them."""
     shown = [constraint for constraint in design.constraints if not constraint.implied]
     drawn = {
         "objective": design.as_drawn,
@@ -304,7 +304,7 @@ def robust_document(design: optimize.Design, scatter: optimize.Scatter) -> dict[
 
 
 def _optimality(shown: optimize.Optimality | None) -> dict[str, Any] | None:
-    """How well the conditions of an optimum are met, in the scaled problem."""
+    """The keys that show how well the conditions of an optimum hold in the scaled problem."""
     if shown is None:
         return None
     keys = ("residual", "stationarity", "violation", "complementarity", "curvature")

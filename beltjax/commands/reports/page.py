@@ -115,7 +115,7 @@ def _frequencies(drive: Drive, point: OperatingPoint) -> Figure:
 def _sensitivities(
     study: optimize.Study, design: optimize.Design
 ) -> list[tuple[str, float, float]]:
-    """How 1 % of each fixed number changes the optimum: name, change, derivative (SI)."""
+    """Find how 1 % of each fixed number changes the optimum: name, change, derivative (SI)."""
     if not design.success:
         return []
     try:

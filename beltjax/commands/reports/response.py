@@ -1,4 +1,4 @@
-"""What `beltjax response` does, from a drive file to a report."""
+"""The work of `beltjax response`: it turns a drive file into a report."""
 
 import functools
 import os

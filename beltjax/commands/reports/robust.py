@@ -1,4 +1,4 @@
-"""What `beltjax robust` does: tolerances from the command line, and what they make of a drive."""
+"""The work of `beltjax robust`: it reads tolerances and scatters a drive by them."""
 
 import functools
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ class IndexPart(Part):
 
 
 class SpreadPart(Part):
-    """How a quantity scatters, SI."""
+    """The scatter of a quantity, SI."""
 
     name: str
     unit: str
@@ -156,7 +156,7 @@ def _tables(document: dict[str, Any]) -> Group:
 
 
 def _share_table(document: dict[str, Any]) -> Table:
-    """Which tolerance causes how much of each variance: by slopes or, with --indices, in all."""
+    """The table of the shares that each tolerance has in each variance."""
     rows = document["quantities"]
     sampled = "indices" in rows[0]
     title = "Share of the variance" + (", interactions included" if sampled else ", by slopes")

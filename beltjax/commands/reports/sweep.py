@@ -1,4 +1,4 @@
-"""What `beltjax sweep` does, from a drive file to a report."""
+"""The work of `beltjax sweep`: it turns a drive file into a report."""
 
 import os
 from typing import Any

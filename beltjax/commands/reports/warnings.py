@@ -15,7 +15,7 @@ Warnings = list[dict[str, str]]
 
 
 def steady_warnings(drive: Drive, steady: SteadyState) -> Warnings:
-    """Where a steady state leaves the limits of its model; empty where it does not."""
+    """Warn where a steady state leaves the limits of its model."""
     if not succeeded(steady.result) or succeeded(steady.warning):
         return []
     return _stiff_belts(drive, np.asarray(steady.stiffness_ratios))
@@ -27,7 +27,7 @@ def drive_warnings(drive: Drive, point: OperatingPoint) -> Warnings:
 
 
 def sweep_warnings(drive: Drive, found: Sweep) -> Warnings:
-    """Where the steady states of a sweep do, at the worst of its values."""
+    """Warn where the steady states of a sweep do so, at the worst of its values."""
     return _stiff_belts(drive, found.stiffness_ratios[found.good])
 
 
