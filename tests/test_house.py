@@ -112,6 +112,16 @@ def test_every_function_is_annotated():
                 assert special or node.returns is not None, (path, node.name)
 
 
+def test_tests_do_not_import_from_the_benchmarks():
+    benchmarks = {path.stem for path in (ROOT / "benchmarks").glob("*.py")}
+    for path in (ROOT / "tests").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ImportFrom) and node.level == 0:
+                assert (node.module or "").split(".")[0] not in benchmarks, path
+            elif isinstance(node, ast.Import):
+                assert not benchmarks & {alias.name.split(".")[0] for alias in node.names}, path
+
+
 def test_no_file_is_too_long():
     for folder in ("beltjax", "optimize", "tests", "benchmarks"):
         for path in (ROOT / folder).rglob("*.py"):
