@@ -1,4 +1,4 @@
-"""What `beltjax analyze` does, from a drive file to a report."""
+"""The work of `beltjax analyze`: it turns a drive file into a report."""
 
 import math
 import os
@@ -145,7 +145,7 @@ class AnalyzeDocument(Document):
 
 
 def analyze_report(path: str | os.PathLike[str], figure: str | None = None) -> Report:
-    """Analyze one drive file, and draw its modes if asked.
+    """Analyze one drive file, and draw its modes where `figure` names a picture.
 
     Raises `FileError` where the file describes no possible drive.
     """
@@ -157,8 +157,8 @@ def analyze_report(path: str | os.PathLike[str], figure: str | None = None) -> R
     pulleys = len(drive.pulleys)
     few = pulleys <= MOST_VIBRATING
     basis = Legendre(min(_FUNCTIONS, max(_COORDINATES // pulleys, 1)))
-    asked = (MODES if few else 0), basis
-    found = jax.device_get(run_kept(canonical_sensitivities, *numbers, *asked))
+    count = MODES if few else 0
+    found = jax.device_get(run_kept(canonical_sensitivities, *numbers, count, basis))
     found = in_names_of(drive, point, found)
     why = diagnose(drive, point, found.steady)
     if why and why.impossible:
@@ -398,7 +398,7 @@ def _gamma_table(slopes: dict[str, Any], sizes: dict[str, Any]) -> Table:
 
 
 def _gamma_is_zero(sizes: dict[str, Any]) -> str:
-    """Why nothing moves Gamma."""
+    """Say why nothing moves Gamma."""
     if sizes["belt.bending_stiffness"] == 0:
         return (
             "Nothing moves Gamma: the spans of a belt without bending stiffness are straight, and "
