@@ -22,6 +22,7 @@ def prototype(eps, s, P=EVEN, beta=BETA) -> SteadyModel:
     model = SteadyModel(
         eps=eps * one,
         c2=s**2 * one,
+        flux=s**2 * one,
         give=np.array([np.sum(lam) / printed.STRETCH]),
         belts=np.ones((1, 3)),
         P=np.array(P),

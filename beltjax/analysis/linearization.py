@@ -165,7 +165,7 @@ def _model(steady: SteadyState, shaped: SteadyState, eps) -> VibrationModel:
     loops = g.loops
     lam, travel = g.span_ratios, g.travel
     u, z = span.layer_width(loops.spread(h.bendings), h.span_ratios, shaped.effective_tensions)
-    moved = shaped.coordinate_change / h.units
+    moved = shaped.deviation / h.units
     ends = loops.following(jnp.eye(len(lam))) - jnp.eye(len(lam))
     eps = loops.spread(g.bendings) if eps is None else jnp.broadcast_to(eps, lam.shape)
     return VibrationModel(

@@ -97,6 +97,17 @@ class _Problem(NamedTuple):
     at: Float[Array, " coordinates"]
     # Of a locked coordinate that is moved until another stands at `at`: 1 in its row there.
     marks: Float[Array, "coordinates coordinates"]
+    flux: Float[Array, " spans"] | None = None  # m c^2 of a running belt [N]; None: at rest
+
+
+class RunningString(NamedTuple):
+    """The belts running as strings, by exact statics."""
+
+    layout: Layout
+    tensions: Float[Array, " spans"]  # [N]
+    flux: Float[Array, " spans"]  # momentum flux G V of the stretched belt [N]
+    stop_reactions: Float[Array, " coordinates"]
+    result: RESULTS
 
 
 class _Rest(NamedTuple):
@@ -217,6 +228,51 @@ def _solved_state(drive, point, drawn) -> ReferenceState:
         (~stable, RESULTS.tensioner_unstable),
     )
     return _state(drive, driven, moved, tensions, base, at, problem.held, rest, reactions, result)
+
+
+def running_string(
+    drive: Drive, point: OperatingPoint, rest: ReferenceState, flux: Float[Array, " spans"]
+) -> RunningString:
+    """The belts of a reference state running as strings, m c^2 being `flux` [N]."""
+    loops, driven = Loops(drive.loop_sizes), transmission(drive, point)
+    offsets, moments = _tension_offsets(drive, driven, loops), _housed_moments(drive, driven)
+    good = succeeded(rest.result)
+    scale = rest.base_tensions[0]
+    holding = held(drive, rest.unstretched_lengths, rest.free)
+    # Bolted bodies stand where they were installed.
+    still = jnp.zeros_like(rest.coordinates)
+    problem = _problem(drive, rest.layout, holding, offsets, moments, scale, rest.installed)
+    problem = problem._replace(flux=jnp.where(good, flux, 0.0))
+    units = _units(problem.outline.bodies, problem.length)
+    levels = (rest.tensions - offsets)[loops.starts] / scale
+    start = jnp.concatenate([rest.coordinates / units, levels])
+    found = _search(problem, loops, start)
+    good = good & found.found
+    level = loops.spread(rest.base_tensions)
+    spare = held_by_tensions(drive, rest.layout, level, rest.coordinates)
+    safe = problem._replace(
+        held=_replaced(good, holding, spare),
+        offsets=jnp.where(good, offsets, 0.0),
+        moments=jnp.where(good, moments, 0.0),
+        flux=jnp.where(good, problem.flux, 0.0),
+        at=jnp.where(good, problem.at, rest.coordinates),
+    )
+    root = jnp.where(good, found.root, jax.lax.stop_gradient(start))
+    unknown = _root_at(safe, loops, found, good, root)
+    count = len(drive.tensioners)
+    place = unknown[:count] * units
+    moved = layout(drive, place, throw=False)
+    tensions = loops.spread(unknown[count:]) * scale + safe.offsets
+    momentum = _momentum(tensions, safe, loops)
+    push = _push(moved, place, tensions - momentum, safe)
+    result = first_failure(
+        (found.cycles, RESULTS.stops_cycle),
+        (~found.found, RESULTS.steady_state_not_found),
+        (~succeeded(moved.result), moved.result),
+        (jnp.any(tensions <= momentum), RESULTS.span_slack),
+    )
+    reactions = jnp.where((found.below | found.above) & good, push, still)
+    return RunningString(moved, tensions, jnp.asarray(momentum), reactions, result)
 
 
 def _units(of: Bodies, length) -> Float[Array, " coordinates"]:
@@ -347,11 +403,19 @@ def _residuals(unknown: Float[Array, " unknowns"], problem: _Problem, loops: Loo
     coordinates = unknown[:count] * units
     at = belt_path(problem.outline, loops, coordinates)
     tensions = loops.spread(unknown[count:]) * problem.scale + problem.offsets
+    pulling = tensions - _momentum(tensions, problem, loops)
     length = unstretched(problem.EA, at, tensions, loops) - problem.held.lengths
-    push = _push(at, coordinates, tensions, problem) * units / (problem.scale * problem.length)
+    push = _push(at, coordinates, pulling, problem) * units / (problem.scale * problem.length)
     place = (coordinates + problem.marks @ coordinates - problem.at) / units
     balance = jnp.where(problem.fixed > 0, place, push)
     return jnp.concatenate([balance, length / problem.length])
+
+
+def _momentum(tensions, problem: _Problem, loops: Loops) -> Array | float:
+    """Momentum flux G V of the belt [N]: its mass flow is that of the unstretched belt."""
+    if problem.flux is None:
+        return 0.0
+    return problem.flux * (1 + tensions / loops.spread(problem.EA))
 
 
 def _search(problem: _Problem, loops: Loops, start: Float[Array, " unknowns"]) -> _Rest:
@@ -370,9 +434,11 @@ def _search(problem: _Problem, loops: Loops, start: Float[Array, " unknowns"]) -
     def under(load, below, above) -> _Problem:
         held = jnp.where(below | above, 1.0, 0.0)
         stop = jnp.where(below, stops[:, 0], jnp.where(above, stops[:, 1], 0.0))
-        return problem._replace(
-            offsets=load * problem.offsets,
-            moments=load * problem.moments,
+        if problem.flux is None:
+            now = problem._replace(offsets=load * problem.offsets, moments=load * problem.moments)
+        else:
+            now = problem._replace(flux=load * problem.flux)
+        return now._replace(
             fixed=jnp.maximum(problem.fixed, held),
             at=jnp.where(held > 0, stop, problem.at),
         )
@@ -388,7 +454,7 @@ def _search(problem: _Problem, loops: Loops, start: Float[Array, " unknowns"]) -
         coordinates = root[:count] * units
         at = belt_path(problem.outline, loops, coordinates)
         tensions = loops.spread(root[count:]) * problem.scale + now.offsets
-        push = _push(at, coordinates, tensions, now)
+        push = _push(at, coordinates, tensions - _momentum(tensions, now, loops), now)
         free = problem.fixed == 0
         below = free & jnp.where(rest.below, push > 0, coordinates < stops[:, 0])
         above = free & jnp.where(rest.above, push < 0, coordinates > stops[:, 1])
@@ -424,6 +490,13 @@ def _root(problem: _Problem, loops: Loops, rest: _Rest, good, base) -> Array:
 
     `problem` is harmless where it is not good.
     """
+    spare = jnp.concatenate([jnp.zeros_like(problem.at), base / problem.scale])
+    root = jnp.where(good, rest.root, jax.lax.stop_gradient(spare))
+    return _root_at(problem, loops, rest, good, root)
+
+
+def _root_at(problem: _Problem, loops: Loops, rest: _Rest, good, root) -> Array:
+    """`root`, where stops hold what they hold `rest`, with its derivatives."""
     stops = problem.outline.bodies.stops
     held = (rest.below | rest.above) & good
     stop = jnp.where(rest.below, stops[:, 0], stops[:, 1])
@@ -431,8 +504,6 @@ def _root(problem: _Problem, loops: Loops, rest: _Rest, good, base) -> Array:
         fixed=jnp.maximum(problem.fixed, jnp.where(held, 1.0, 0.0)),
         at=jnp.where(held, stop, problem.at),
     )
-    spare = jnp.concatenate([jnp.zeros_like(problem.at), base / problem.scale])
-    root = jnp.where(good, rest.root, jax.lax.stop_gradient(spare))
     return implicit_root(lambda x, p: _residuals(x, p, loops), problem, root)
 
 

@@ -7,7 +7,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from beltjax.analysis.reference import LARGEST_STRAIN, ReferenceState, resting
+from beltjax.analysis.reference import (
+    LARGEST_STRAIN,
+    ReferenceState,
+    resting,
+    running_string,
+)
 from beltjax.compiling.quick import boundary_jit, usual_promotion
 from beltjax.drive.canonical import canonical
 from beltjax.drive.groups import Groups, Scales, groups_and_scales
@@ -108,6 +113,9 @@ class SteadyState(Readable):
         Array, "*belts"
     ]  # T, gained by every span, over P0; of several belts each
     coordinate_change: Float[Array, " coordinates"]  # from the reference state [rad] or [m]
+    # The same from where `groups` are taken: the reference state, or under `stretching_arcs`
+    # the running string, from whose spans deflections are counted then.
+    deviation: Float[Array, " coordinates"]
     running_tensions: Float[Array, " spans"]  # P_i + T P0 [N]
     effective_tensions: Float[Array, " spans"]  # Q_i = P_i - m c^2 + T, over P0
     # eta of the string at rest (3.95), 0 without a tensioner; of several belts the matrix whose
@@ -142,7 +150,7 @@ class SteadyState(Readable):
         """
         if not 0 <= i < len(self.coupling):
             raise IndexError(f"span {i} of {len(self.coupling)}: spans count from 0.")
-        q, Q = self.coordinate_change / self.groups.units, self.effective_tensions
+        q, Q = self.deviation / self.groups.units, self.effective_tensions
         return self.method.deflection(steady_model(self.groups), q, Q, i, jnp.asarray(x))
 
 
@@ -181,12 +189,29 @@ def _steady_state(drive: Drive, point: OperatingPoint, method: AbstractSteadyMet
     groups, scales = groups_and_scales(
         drive, reference.layout, tensions, reference.base_tension, reference.stop_reactions, point
     )
-    model = steady_model(groups)
+    resting_model, runs_as = steady_model(groups), None
+    model, begins = resting_model, groups.tensions
+    if drive.model.stretching_arcs:
+        # Exact statics take the tensioners to where the string runs; its bending is small there.
+        flux = loops.spread(groups.masses * groups.speeds**2) * scales.tension
+        runs_as = running_string(drive, point, reference, flux)
+        found = succeeded(runs_as.result)
+        groups, scales = groups_and_scales(
+            drive,
+            runs_as.layout,
+            jnp.where(found, runs_as.tensions, level),
+            reference.base_tension,
+            runs_as.stop_reactions,
+            point,
+        )
+        momentum = jnp.where(found, runs_as.flux, 0.0) / scales.tension
+        model = steady_model(groups)._replace(c2=momentum, flux=jnp.zeros_like(momentum))
     solved = method.solve(model)
     strain = (groups.tensions + loops.spread(solved.T)) / loops.spread(groups.stretches)
     result = first_failure(
         (~good, RESULTS.numbers_unusable),
         (~rested, reference.result),
+        *([] if runs_as is None else [(~succeeded(runs_as.result), runs_as.result)]),
         (solved.unstable, RESULTS.tensioner_unstable),
         (solved.slack, RESULTS.span_slack),
         (~solved.converged, RESULTS.steady_state_not_found),
@@ -199,14 +224,22 @@ def _steady_state(drive: Drive, point: OperatingPoint, method: AbstractSteadyMet
     reach = loops.spread(groups.bendings) / jnp.sqrt(weaker)
     stiffness_ratios = reach / groups.radius_ratios
     stiff = runs & (jnp.max(stiffness_ratios) > STIFFEST)
-    change = jnp.where(runs, solved.T, 0.0)
+    # All spans of a belt gain the same tension.
+    gained = groups.tensions[loops.starts] - begins[loops.starts] + solved.T
+    change = jnp.where(runs, gained, 0.0)
+    deviation = jnp.where(runs, solved.q, 0.0) * groups.units
+    moved = deviation
+    if runs_as is not None:
+        string = runs_as.layout.coordinates - reference.coordinates
+        moved = moved + jnp.where(runs, string, 0.0)
     sprung = model.movable * (solved.held == 0)
-    effectiveness = physics.effectiveness(model, jax.lax.stop_gradient(sprung))
+    effectiveness = physics.effectiveness(resting_model, jax.lax.stop_gradient(sprung))
     single = len(drive.belts) == 1
     steady = SteadyState(
         coupling=jnp.where(runs, method.coupling(model, solved), 0.0),
         tension_change=change[0] if single else change,
-        coordinate_change=jnp.where(runs, solved.q, 0.0) * groups.units,
+        coordinate_change=moved,
+        deviation=deviation,
         running_tensions=reference.tensions + loops.spread(change) * scales.tension,
         effective_tensions=Q,
         effectiveness=jnp.where(rested, effectiveness[0, 0] if single else effectiveness, 0.0),
@@ -228,11 +261,12 @@ def _steady_state(drive: Drive, point: OperatingPoint, method: AbstractSteadyMet
 def steady_model(groups: Groups) -> physics.SteadyModel:
     """The groups in the letters of the source."""
     g, loops = groups, groups.loops
-    stretching = g.span_ratios + g.stretching_arcs * g.arc_ratios
+    flux = loops.spread(g.masses * g.speeds**2)
     return physics.SteadyModel(
         eps=loops.spread(g.bendings),
-        c2=loops.spread(g.masses * g.speeds**2),
-        give=loops.sums(stretching) / g.stretches,
+        c2=flux,
+        flux=flux,
+        give=g.unstretched / g.stretches,
         belts=jnp.asarray(loops.of_belt),
         P=g.tensions,
         lam=g.span_ratios,

@@ -334,13 +334,15 @@ class Damper(Readable):
 
 
 class Model(Readable):
-    """Which terms that Kong (2003) leaves out are counted: 1 counts them, 0 leaves them out.
+    """Which terms that Kong (2003) leaves out are counted: docs/model.md.
 
-    Without them the published numbers are met; with them a running string is that of exact statics
-    to second order in the tensioners' motion (docs/model.md).
+    Without them the published numbers are met. `arm_curvature` counts the second derivative of the
+    path by the tensioners' coordinates; `stretching_arcs` the belt on the pulleys, and with it
+    the exact statics of the running string, about which its bending is then small; `belt_inertia`
+    the belt's own motion along its path. 1 or 0; the second adds equations, and is static.
     """
 
     arm_curvature: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)
-    stretching_arcs: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)
+    stretching_arcs: bool = eqx.field(static=True, converter=bool, default=False)
     belt_inertia: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)
     schema: int = eqx.field(static=True, default=1)  # of the drive file it came with

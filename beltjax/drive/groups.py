@@ -51,7 +51,7 @@ class Groups(eqx.Module):
     rotor_inertias: Float[Array, " rotors"] | None  # None where one is missing
     rotor_springs: Float[Array, "rotors rotors"]
     rotor_damping: Float[Array, "rotors rotors"]
-    stretching_arcs: Float[Array, ""]
+    unstretched: Float[Array, " belts"]  # length that stretches, over l
     belt_inertia: Float[Array, ""]
     loop_sizes: tuple[int, ...] = eqx.field(static=True)
 
@@ -162,11 +162,23 @@ def groups_and_scales(
         rotor_inertias=None if turning.inertias is None else turning.inertias / inertia_unit,
         rotor_springs=turning.stiffness / energy,
         rotor_damping=turning.damping / (energy * time),
-        stretching_arcs=jax.lax.stop_gradient(drive.model.stretching_arcs),
+        unstretched=_unstretched(drive, at, tensions, axial, loops) / length,
         belt_inertia=jax.lax.stop_gradient(drive.model.belt_inertia),
         loop_sizes=drive.loop_sizes,
     )
     return groups, Scales(length=length, tension=base_tension, time=time)
+
+
+def _unstretched(drive: Drive, at: Layout, tensions, axial, loops: Loops):
+    """Length of each belt that stretches with its tension: the spans, and if asked the arcs [m].
+
+    The source leaves out the arcs, and takes the spans' stretched lengths.
+    """
+    if not drive.model.stretching_arcs:
+        return loops.sums(at.span_lengths)
+    strains = tensions / loops.spread(axial)
+    arcs = at.arc_lengths / (1 + (strains + loops.preceding(strains)) / 2)
+    return loops.sums(at.span_lengths / (1 + strains) + arcs)
 
 
 def _speeds(drive: Drive, point: OperatingPoint, loops: Loops):

@@ -4,6 +4,7 @@
     c2     belt speed, m c^2/P0                 q    coordinates, from the reference state
     lam    span lengths over their mean l       P    span tensions at rest, over P0
     kap_s, kap_e  curvature sigma l_i/r of the pulleys at each span's ends
+    flux   c2, or the part of it that is not yet in the reference state
     give   stretch of each belt per tension, Lambda/EA in P0 and l
     S      the span's part of the path's derivative by q;  a   slope it gains, by q
     H      second derivative of the distance along the span;  W0  lift at its start, over l_i
@@ -34,6 +35,7 @@ class SteadyModel(NamedTuple):
 
     eps: Spans
     c2: Spans
+    flux: Spans  # the part of c2 that the reference state does not balance yet
     give: Belts
     belts: Float[Array, "belts spans"]  # 1 where the span is one of the belt's
     P: Spans
@@ -103,7 +105,7 @@ def settled(T: Belts, model: SteadyModel) -> Settled:
     m = model
     of_span = spread(T, m)
     ends = (m.kap_e - m.kap_s) * m.eps**2 / m.lam
-    load = jnp.sum((m.c2 - of_span)[:, None] * m.S + ends[:, None] * m.a, axis=0) - m.rho
+    load = jnp.sum((m.flux - of_span)[:, None] * m.S + ends[:, None] * m.a, axis=0) - m.rho
     return box_minimum(stiffness(m.P - m.c2 + of_span, m), load, m.movable, m.lo, m.hi)
 
 
@@ -211,14 +213,14 @@ def _one_belt(fixed: SteadyModel):
         return jnp.where(at.definite, value[0], beyond)
 
     # The string at rest moves its tension by eta c^2; start there if that is above the floor.
-    guess = jnp.maximum(effectiveness(fixed)[0, 0] * at_rest, floor + 0.05)
+    guess = jnp.maximum(effectiveness(fixed)[0, 0] * jnp.max(fixed.flux), floor + 0.05)
     search = increasing_root(residual, floor, guess, least_slope=fixed.give[0])
     slack = search.converged & (search.residual > 1e-6) & (search.root <= floor + 1e-6)
     return search.root[None], search.residual, slack, search.converged, search.steps
 
 
 def _several_belts(fixed: SteadyModel):
-    speed2 = jnp.max(fixed.belts * fixed.c2, axis=1)
+    speed2 = jnp.max(fixed.belts * fixed.flux, axis=1)
     guess = effectiveness(fixed) @ speed2
     largest = 0.5 + jnp.abs(speed2)
     scale = fixed.give
@@ -245,7 +247,7 @@ def linear(model: SteadyModel) -> SteadySolution:
     m = without_load(model, slack)
     Q = m.P - m.c2
     ends = (m.kap_e - m.kap_s) * m.eps**2 / m.lam
-    load = jnp.sum(m.c2[:, None] * m.S + ends[:, None] * m.a, axis=0)
+    load = jnp.sum(m.flux[:, None] * m.S + ends[:, None] * m.a, axis=0)
     A = stiffness(Q, m)
     take_up = -m.belts @ m.S  # D of each belt
     # give T + D.q = 0 and A q = load + D^T T
@@ -334,6 +336,7 @@ def without_load(model: SteadyModel, where: Bool[Array, ""]) -> SteadyModel:
     """
     nothing = model._replace(
         c2=jnp.zeros_like(model.c2),
+        flux=jnp.zeros_like(model.flux),
         P=jnp.ones_like(model.P),
         kap_s=jnp.zeros_like(model.kap_s),
         kap_e=jnp.zeros_like(model.kap_e),

@@ -188,7 +188,7 @@ def joined(T: Belts, model: SteadyModel, mesh: Mesh, scheme: Gauss) -> Joined:
     # The transverse force is the same at both ends, also after collocation, which keeps linear
     # invariants.
     force = m.lam * (-Q * found.v[:, 0] + m.eps / m.lam * found.mu[:, 0])
-    load = jnp.sum((m.c2 - of_span)[:, None] * m.S + force[:, None] * m.a, axis=0) - m.rho
+    load = jnp.sum((m.flux - of_span)[:, None] * m.S + force[:, None] * m.a, axis=0) - m.rho
     at = box_minimum(stiffness(Q, m), load, m.movable, m.lo, m.hi)
     slopes = found.v_stages + (m.a @ at.q)[:, None]
     taken = 0.5 * m.lam * jnp.sum(found.h * mix(scheme.weights, slopes**2), axis=1)

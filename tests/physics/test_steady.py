@@ -82,7 +82,9 @@ def test_effectiveness_agrees_with_print_and_is_the_slope_of_tension():
     assert float(steady.effectiveness(prototype(0.01, 0.0, beta=BETA_INEFFECTIVE))[0, 0]) < 1e-20
 
     def tension(s2):
-        return exact(model._replace(eps=jnp.zeros(3), c2=s2 * jnp.ones(3))).T[0]
+        return exact(
+            model._replace(eps=jnp.zeros(3), c2=s2 * jnp.ones(3), flux=s2 * jnp.ones(3))
+        ).T[0]
 
     # dT/d(s^2) of the string at rest, by its definition.
     assert float(tension(1e-6) / 1e-6) == pytest.approx(float(eta), rel=1e-5)
