@@ -124,7 +124,7 @@ def _silent(part: Any, name: str) -> bool:
         return _silent(part, fact.beside)
     field = next(field for field in dataclasses.fields(part) if field.name == name)
     value, default = concrete(getattr(part, name)), cast(Any, field.default)
-    if fact.required or fact.kinds or value is None or default is None:
+    if fact.required or fact.kinds or fact.design or value is None or default is None:
         return False
     return np.array_equal(value, np.broadcast_to(default, value.shape))
 
