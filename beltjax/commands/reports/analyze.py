@@ -82,8 +82,8 @@ class ReferencePart(Part):
     arm_angle: Maybe = meaning("rad, direction of the arm")
     arm_turn: Maybe = meaning("rad, by which torques turned the arm from where it is drawn")
     free_angle: Maybe = meaning("rad, with its spring relaxed; whole turns count")
-    tensioner_effectiveness: Maybe | list[Row] = meaning(
-        "eta; null without a tensioner; of several belts a matrix"
+    tensioner_effectiveness: Maybe | Row = meaning(
+        "eta; null without a tensioner; of several belts a list"
     )
 
 
@@ -234,13 +234,15 @@ def _reference(drive: Drive, steady: SteadyState, rested: bool) -> dict[str, Any
     reference = steady.reference
     arm = single_arm(drive)
     effective = rested and len(drive.tensioners) > 0
+    eta = np.asarray(steady.effectiveness)
+    own = np.diagonal(eta) if eta.ndim else eta  # of several belts, what its own speed does to each
     return {
         "tensions": plain(reference.tensions),
         "unstretched_length": plain(reference.unstretched_length),
         "arm_angle": plain(reference.arm_angle) if arm else None,
         "arm_turn": plain(reference.coordinates[0]) if arm else None,  # from drawn
         "free_angle": plain(reference.free_angle) if arm else None,
-        "tensioner_effectiveness": plain(steady.effectiveness) if effective else None,
+        "tensioner_effectiveness": plain(own) if effective else None,
     }
 
 
@@ -367,7 +369,6 @@ def _summary_table(document: dict[str, Any]) -> Table:
     ]
     for label, value, digits, unit in rows:
         if isinstance(value, list):  # of several belts
-            value = [row[k] for k, row in enumerate(value)] if "eta" in label else value
             table.add_row(label, ", ".join(number(one, digits) for one in value), unit)
         elif value is not None:
             table.add_row(label, number(value, digits), unit)
