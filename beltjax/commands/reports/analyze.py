@@ -399,7 +399,8 @@ def _gamma_table(slopes: dict[str, Any], sizes: dict[str, Any]) -> Table:
 
 def _gamma_is_zero(sizes: dict[str, Any]) -> str:
     """Why nothing moves Gamma."""
-    if sizes["belt.bending_stiffness"] == 0:
+    stiff = [size for name, size in sizes.items() if name.endswith(".bending_stiffness")]
+    if not any(stiff):
         return (
             "Nothing moves Gamma: the spans of a belt without bending stiffness are straight, and "
             "it is zero (belt.bending_stiffness = 0)."
