@@ -87,7 +87,7 @@ else:
     class _ReadableEnumeration(type(optx.RESULTS)):
         """An enumeration whose success, too, prints as a word."""
 
-        def __getitem__(cls, item):
+        def __getitem__(cls, item: Any):
             return super().__getitem__(item) or "successful"
 
     class RESULTS(optx.RESULTS, metaclass=_ReadableEnumeration):

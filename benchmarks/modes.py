@@ -3,8 +3,8 @@
 One claim: a design with its exact gradients costs about a millisecond, without discretization
 error or with an error of 0.1 %. In one run, each with its true error against Legendre(48):
 
-  basis          Galerkin with few functions a span, values and values with all slopes
-  exact          the characteristic function, from eight sine terms a span
+  basis          Galerkin with few functions per span, values and values with all slopes
+  exact          the characteristic function, from eight sine terms per span
   SciPy          `scipy.linalg.eig` of the companion matrix with the same few functions, slopes by
                  central differences, one design at a time
 
@@ -88,7 +88,7 @@ def _moved(numbers, name, value):
 
 
 def growth(batch):
-    """Milliseconds a design against functions a span, and against pulleys."""
+    """Milliseconds per design against functions per span, and against pulleys."""
     rows = []
     for path, basis in (
         (DRIVE, bj.Legendre(6)),
@@ -134,7 +134,7 @@ def main() -> None:
     scipy_error = np.max(np.abs(found / fine - 1))
     rows.append(Row("SciPy eig, differences", 1, scipy_error, slope_error, None, seconds))
     show(f"{COUNT} frequencies", "design", rows)
-    print("\npulleys  functions a span  us/design")
+    print("\npulleys  functions per span  us/design")
     for pulleys, size, cost in growth(batch // 5):
         print(f"{pulleys:7d}  {size:16d}  {1e3 * cost:9.1f}")
 

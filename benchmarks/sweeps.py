@@ -1,4 +1,4 @@
-"""Explorations of the seven-pulley drive: designs a second, and memory against their number.
+"""Explorations of the seven-pulley drive: designs per second, and memory against their number.
 
 Two claims: a hundred thousand designs take seconds, written and all; and memory does not grow with
 the number of designs: "growth" is what the process gains between its first batch and its last.
@@ -102,7 +102,7 @@ def in_its_own_process(count: int, modes: int, workers: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Print one row a run."""
+    """Print one row per run."""
     parser = argparse.ArgumentParser(description="Rates and memory of explorations.")
     parser.add_argument("--designs", type=int, default=100_000)
     parser.add_argument("--modes", type=int, default=512, help="Designs of which modes are asked.")

@@ -163,7 +163,7 @@ def order_distance(analyses: DriveAnalyses, order: float) -> Many:
 
 @quantity("order_margin", place="order", needs="inertia", many=True)
 def order_margin(analyses: DriveAnalyses, order: float) -> Many:
-    """The same distance over that frequency of excitation."""
+    """Distance of each natural frequency from order N, over that frequency of excitation."""
     return order_distance(analyses, order) / (order * analyses.driver_speed)
 
 

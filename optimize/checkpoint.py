@@ -30,7 +30,7 @@ class Checkpoint:
         self._saved = _read(path)
 
     def load(self, study: Study, points: jax.Array) -> dict[str, np.ndarray] | None:
-        """What `save` wrote last for this study from these points; None where it never did.
+        """The arrays that `save` wrote last for this study from these points, or None.
 
         Raises `ValueError` for a file that another study wrote.
         """
@@ -74,7 +74,7 @@ def _read(path: str | os.PathLike[str]) -> dict[str, np.ndarray] | None:
 
 
 def _fingerprint(study: Study, points: jax.Array) -> str:
-    """Of every number and name of a study but its time limit."""
+    """A hash of every number and name of a study but its time limit."""
     leaves, structure = jax.tree.flatten((dataclasses.replace(study, time_limit=None), points))
     held = hashlib.sha256(str(structure).encode())
     for leaf in leaves:

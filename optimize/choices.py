@@ -13,7 +13,8 @@ from beltjax.drive.components import as_real
 from beltjax.drive.numbers import with_numbers
 
 from .design import Design, report
-from .problem import Starts, limited_rows, starting_points, with_implied_constraints
+from .problem import ProblemScales, Starts, limited_rows, starting_points, with_implied_constraints
+from .search.augmented_lagrangian import Iterate
 from .search.batched import FEW, batch_step, first_states, iterated, result_of
 from .search.results import Advance, deadline_of, local_models
 from .study import Study
@@ -37,22 +38,22 @@ def enumerated(study: Study, advance: Advance | None = None) -> list[Chosen]:
     """
     if not study.choices:
         raise ValueError("enumerated: the study has no choices; use `minimize`.")
-    tell = advance or (lambda stage, done, total: None)
+    progress = advance or (lambda stage, done, total: None)
     deadline = deadline_of(study)
-    asked = len(study.constraints.names)
+    own = len(study.constraints.names)
     combinations = list(itertools.product(*(choice.options for choice in study.choices)))
-    tell("compiling", 0, None)
+    progress("compiling", 0, None)
     numbers = [dict(pair for o in options for pair in o.numbers) for options in combinations]
     studies = [with_implied_constraints(_with(study, values)) for values in numbers]
     begins = [starting_points(one) for one in studies]
-    states, timely = _searched(studies, begins, tell, deadline)
+    states, timely = _searched(studies, begins, progress, deadline)
     found = []
     columns = combinations, numbers, studies, begins, states
     for options, values, one, begin, end in zip(*columns, strict=True):
         rows = limited_rows(one, begin.parts)
         model_at = local_models(one, begin.scales, rows)
         searched = result_of(end)._replace(in_time=timely)
-        design = report(one, asked, begin, rows, model_at, searched)
+        design = report(one, own, begin, rows, model_at, searched)
         labels = {c.name: o.label for c, o in zip(study.choices, options, strict=True)}
         found.append(Chosen(labels, values, design))
     return sorted(found, key=lambda c: (not c.design.success, c.design.final or 0.0))
@@ -64,7 +65,9 @@ def _with(study: Study, numbers: dict[str, float]) -> Study:
     return dataclasses.replace(study, drive=drive, choices=())
 
 
-def _searched(studies: list[Study], begins: list[Starts], tell: Advance, deadline: float | None):
+def _searched(
+    studies: list[Study], begins: list[Starts], progress: Advance, deadline: float | None
+) -> tuple[list[Iterate], bool]:
     """States of all combinations after the search, one by one, and whether time sufficed."""
     stacked, scales, states = (
         jax.tree.map(lambda *leaves: jnp.stack(leaves), *parts)
@@ -76,10 +79,10 @@ def _searched(studies: list[Study], begins: list[Starts], tell: Advance, deadlin
     )
     lanes = len(studies) * studies[0].starts
     step = quickly_compiled(_step) if lanes <= FEW else eqx.filter_jit(_step)
-    states, timely = iterated(lambda s: step(stacked, scales, s), states, tell, deadline)
+    states, timely = iterated(lambda s: step(stacked, scales, s), states, progress, deadline)
     ended = [jax.tree.map(lambda x, k=k: x[k], states) for k in range(len(studies))]
     return ended, timely
 
 
-def _step(studies: Study, scales, states):
+def _step(studies: Study, scales: ProblemScales, states: Iterate) -> Iterate:
     return jax.vmap(batch_step)(studies, scales, states)

@@ -1,4 +1,6 @@
-"""Which limits stand against each other where no design meets them all."""
+"""Limits in conflict: which ones no design meets together."""
+
+from typing import Any
 
 import numpy as np
 from scipy.optimize import minimize as scipy_minimize
@@ -13,7 +15,7 @@ def least_violated(at: LocalModel, model_at: ModelAt) -> LocalModel:
     """The design nearest to `at` whose violations, squared and summed, are a minimum."""
     best = at
 
-    def violation(x):
+    def violation(x: np.ndarray) -> tuple[Any, np.ndarray]:
         nonlocal best
         found = model_at(np.clip(x, 0.0, 1.0))
         if found is None:

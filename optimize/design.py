@@ -1,4 +1,4 @@
-"""What a search came to: the optima, the best design, and the evidence for it."""
+"""The design that a study leads to: optima, the best design, and the evidence for it."""
 
 import dataclasses
 from typing import NamedTuple
@@ -45,12 +45,12 @@ class ConstraintReport(NamedTuple):
     multiplier: float | None  # d(objective)/d(limit), at an optimum
     active: bool
     violation: float  # by how much the limit is missed, or 0
-    implied: bool  # not asked for by the study, but by every drive that can be built
+    implied: bool  # a limit of every drive that can be built, not one of the study
     as_drawn: float | None  # the value without the study's tolerances, where it has some
 
 
 class StartReport(NamedTuple):
-    """How one start ended."""
+    """The end of one start."""
 
     final: float | None  # objective, with the true maximum over the operating points
     result: str
@@ -87,7 +87,7 @@ class Design(Readable):
 
     @property
     def success(self) -> bool:
-        """Whether an optimum was reached that meets all constraints."""
+        """Return whether an optimum was reached that meets all constraints."""
         return bool(succeeded(self.result))
 
     def unit_of_row(self, field: str, key: str | None = None) -> str:
@@ -124,13 +124,13 @@ def _basins(ends: list[StartOutcome], model_at: ModelAt) -> list[_Basin]:
 
 def report(
     study: Study,
-    asked: int,
+    own_constraints: int,
     begin: Starts,
     rows: np.ndarray,
     model_at: ModelAt,
     found: SearchResult,
 ) -> Design:
-    """The design that a search found; `asked` constraints are the study's own."""
+    """The design that a search found; its first `own_constraints` constraints are the study's."""
     size = float(begin.scales.objective)
     basins = _basins(found.outcomes, model_at)
     result, x = _outcome(found, basins)
@@ -164,7 +164,9 @@ def report(
         initial=float(initial.worst) if initial.found else None,
         final=float(shown.worst) if shown.found else None,
         as_drawn=None if drawn is None else float(drawn.worst),
-        constraints=_constraint_reports(study, asked, begin.scales, (shown, drawn), prices),
+        constraints=_constraint_reports(
+            study, own_constraints, begin.scales, (shown, drawn), prices
+        ),
         starts=tuple(
             StartReport(true if end.valid else None, end.ending)
             for end, true in zip(found.outcomes, objectives, strict=False)
@@ -180,7 +182,7 @@ def report(
 
 
 def _outcome(found: SearchResult, basins: list[_Basin]) -> tuple[RESULTS, np.ndarray]:
-    """What the search came to, and its best design."""
+    """Judge how the search ended, and pick its best design."""
     if basins:
         return RESULTS.successful, basins[0].at.x
     late = RESULTS.optimum_not_reached if found.in_time else RESULTS.time_limit_reached
@@ -210,7 +212,7 @@ def _optima(
 
 
 def _row_names(study: Study, parts: list[int], rows: np.ndarray) -> list[str]:
-    """What each of the problem's rows limits, bounds of variables last."""
+    """The names of the limits in the problem's rows, bounds of variables last."""
     every = [
         f"{name} {side}"
         for name, n in zip(study.constraints.names, parts, strict=True)
@@ -242,7 +244,7 @@ def _named_scales(study: Study, scales: ProblemScales) -> dict[str, float]:
 
 def _constraint_reports(
     study: Study,
-    asked: int,
+    own_constraints: int,
     scales: ProblemScales,
     found: tuple[Measured, Measured | None],
     prices: np.ndarray | None,
@@ -271,7 +273,7 @@ def _constraint_reports(
                 multiplier=price,
                 active=bool(min(gap_low, gap_high) <= ACTIVE * scale),
                 violation=max(0.0, -min(gap_low, gap_high) - FEASIBLE * scale),
-                implied=i >= asked,
+                implied=i >= own_constraints,
                 as_drawn=None if drawn is None else float(drawn.greatest[i][closest]),
             )
         )

@@ -75,7 +75,7 @@ class DriveAnalyses:
         return self.point.speed(self.drive) / (self.drive.drives @ self.drive.radii)
 
     def all_found(self) -> Bool[Array, ""]:
-        """Whether every analysis that has run found a state, even if the drive slips in it."""
+        """Return whether every analysis that has run found a state, slipping or not."""
         good = succeeded(self.steady.result)
         for result in self._results(_CONTACT):
             slips = (result == RESULTS.gross_slip) | (result == RESULTS.wrap_vanished)

@@ -32,15 +32,15 @@ def minimize(
     Raises `ValueError` for a checkpoint of another study or a damaged one, and for `warm` designs
     that lack a variable or have one that is not finite.
     """
-    tell = advance or (lambda stage, done, total: None)
+    progress = advance or (lambda stage, done, total: None)
     deadline = deadline_of(study)
     kept = Checkpoint(checkpoint) if checkpoint else None  # read before the work
-    asked = len(study.constraints.names)
+    own = len(study.constraints.names)
     study = with_implied_constraints(study)
-    tell("compiling", 0, None)
+    progress("compiling", 0, None)
     begin = starting_points(study, warm)
     rows = limited_rows(study, begin.parts)
     model_at = local_models(study, begin.scales, rows)
-    tools = SearchTools(model_at, tell, deadline, kept)
+    tools = SearchTools(model_at, progress, deadline, kept)
     found = find_optimizer(study.method).search(study, begin, tools)
-    return report(study, asked, begin, rows, model_at, found)
+    return report(study, own, begin, rows, model_at, found)

@@ -78,7 +78,7 @@ class DriveComponent(om.ExplicitComponent):
 
 
 def _with_slopes(study: Study, x: jax.Array) -> tuple[Measured, Measured]:
-    """What a study measures at the values x of its variables, and its derivatives, last axis."""
+    """The measured quantities at the values x of the variables, and their derivatives."""
 
     def at(x: jax.Array) -> tuple[Measured, Measured]:
         values = dict(zip(study.variables.names, x, strict=True))

@@ -1,4 +1,4 @@
-"""Whether a design is an optimum: multipliers, the active set, first and second order conditions.
+"""Conditions of an optimum: multipliers, the active set, first and second order.
 
 In the scaled problem of `problem.py`, box bounds among the constraints:
 
@@ -47,12 +47,12 @@ class Optimality(NamedTuple):
 
     @property
     def residual(self) -> float:
-        """Of the Karush-Kuhn-Tucker conditions."""
+        """The largest residual of the Karush-Kuhn-Tucker conditions."""
         return max(self.stationarity, self.violation, self.complementarity)
 
 
 def optimality(at: LocalModel, model_at: ModelAt, second: bool = True) -> Optimality:
-    """How well a design meets the conditions of an optimum; `second` costs 2n more evaluations."""
+    """Check the conditions of an optimum at a design; `second` costs 2n more evaluations."""
     active = at.c >= -CLOSE
     multipliers = _multipliers(at)
     gradient = at.df + multipliers @ at.dc
@@ -71,7 +71,7 @@ def optimality(at: LocalModel, model_at: ModelAt, second: bool = True) -> Optima
 
 
 def _multipliers(at: LocalModel) -> Vector:
-    """Those that leave the least of stationarity and complementarity together."""
+    """The multipliers that leave the least of stationarity and complementarity together."""
     near = at.c > -_NEAR
     if not near.any():
         return np.zeros(len(at.c))
@@ -176,7 +176,7 @@ def _shortened(
 
 def response_to(
     at: LocalModel, shown: Optimality, model_at: ModelAt, mixed: np.ndarray, moved: np.ndarray
-):
+) -> np.ndarray:
     """Derivatives of an optimum [n, p] with respect to p numbers, by the implicit function theorem.
 
     `mixed` [n, p] are the derivatives of the Lagrangian's gradient and `moved` [m, p] of the

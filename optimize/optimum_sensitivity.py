@@ -1,4 +1,4 @@
-"""How an optimum moves when a number that the study holds fixed changes."""
+"""Derivatives of an optimum with respect to numbers that the study holds fixed."""
 
 from typing import NamedTuple
 
@@ -81,7 +81,9 @@ def post_optimal(
     return PostOptimal(names, total * design.scales["objective"], slopes)
 
 
-def _difference(study: Study, scales: ProblemScales, rows, at: LocalModel, name: str) -> LocalModel:
+def _difference(
+    study: Study, scales: ProblemScales, rows: np.ndarray, at: LocalModel, name: str
+) -> LocalModel:
     """Derivatives of a problem's values and first derivatives with respect to one number."""
     value = float(number_value(study.drive, study.point, name))
     h = _STEP * max(abs(value), 1e-3)

@@ -52,7 +52,7 @@ class Front(NamedTuple):
 
     @property
     def success(self) -> bool:
-        """Whether every objective alone has an optimum."""
+        """Return whether every objective alone has an optimum."""
         return all(anchor.success for anchor in self.anchors)
 
 
@@ -74,12 +74,12 @@ def pareto(
     points = study.pareto_points if points is None else points
     if len(names) not in (2, 3) or points < 2:
         raise ValueError("pareto: give two or three objectives and at least two points.")
-    tell = advance or (lambda stage, done, total: None)
+    progress = advance or (lambda stage, done, total: None)
     bare = [split_name(name.removeprefix("-"))[0] for name in names]
     units = tuple(find_quantity(name, study.drive).unit for name in bare)
     posed = _posed(study, names)
     anchors = tuple(
-        minimize(_alone(posed, names, k), _prefixed(tell, name)) for k, name in enumerate(names)
+        minimize(_alone(posed, names, k), _prefixed(progress, name)) for k, name in enumerate(names)
     )
     if not all(anchor.success for anchor in anchors):
         return Front(names, units, (), anchors, 0)
@@ -90,7 +90,7 @@ def pareto(
              for low, span in zip(ends.min(axis=0)[1:], size[1:], strict=True)]  # fmt: skip
     limits = [np.array(limit) for limit in itertools.product(*steps)]
     for done, limit in enumerate(limits):
-        tell("following the front", done, len(limits))
+        progress("following the front", done, len(limits))
         trade.follow(limit, size[1:])
     return Front(names, units, tuple(trade.undominated()), anchors, len(limits))
 
@@ -147,7 +147,7 @@ class _Trade:
         return eqx.tree_at(lambda s: (s.constraints.lower, s.constraints.upper), self._study, both)
 
     def undominated(self) -> list[FrontPoint]:
-        """Those that no other one beats, each once, by the first objective."""
+        """The designs that no other one beats, each once, by the first objective."""
         rows = np.array([self.signed(point) for point in self.solved])
         rows = rows / np.maximum(np.ptp(rows, axis=0), 1e-30)
         kept: list[int] = []
@@ -185,5 +185,5 @@ def _signs(names: tuple[str, ...]) -> np.ndarray:
     return np.array([-1.0 if name.startswith("-") else 1.0 for name in names])
 
 
-def _prefixed(tell: Advance, name: str) -> Advance:
-    return lambda stage, done, total: tell(f"{name}: {stage}", done, total)
+def _prefixed(progress: Advance, name: str) -> Advance:
+    return lambda stage, done, total: progress(f"{name}: {stage}", done, total)

@@ -13,6 +13,7 @@ from scipy.stats import qmc
 from beltjax.analysis.steady import steady_state
 from beltjax.compiling.quick import quickly_compiled
 from beltjax.drive.numbers import number_value, value_of, with_numbers, with_values
+from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 
 from .drive_analyses import DriveAnalyses
@@ -21,7 +22,7 @@ from .search.augmented_lagrangian import Evaluation
 from .study import Limits, Study, split_name
 
 CANDIDATES = 8  # random designs drawn for each start; the first ones that run are used
-# What every drive that can be built must meet, whether the study asks for it or not, a little
+# What every drive that can be built must meet, whether the study limits it or not, a little
 # inside the edges beyond which there is no drive to evaluate: quantity, least, greatest.
 IMPLIED = {
     "clearance": (0.0, np.inf),
@@ -34,7 +35,7 @@ Unit = Float[Array, " variables"]
 
 
 class ProblemScales(NamedTuple):
-    """What the optimizer measures the objective and the constrained quantities in."""
+    """The units in which the optimizer measures objective and constrained quantities."""
 
     objective: Float[Array, ""]
     constraints: Float[Array, " constraints"]
@@ -119,13 +120,13 @@ def with_implied_constraints(study: Study) -> Study:
 
 
 def measured(study: Study, drive: Drive) -> Measured:
-    """What a study asks of a drive, at all of its operating points and for all tolerances."""
+    """The objective and constrained quantities of a drive, at all points and for all tolerances."""
     scatter = study.scatter
     if scatter is None:
         values, found = _values(study, drive)
         return Measured(values.objective, values.worst, values.parts, values.parts, found)
 
-    def at(numbers):
+    def at(numbers: Array) -> tuple[Values, Bool[Array, ""]]:
         changed = dict(zip(scatter.names, numbers, strict=True))
         return _values(study, with_numbers(drive, study.point, changed)[0])
 
@@ -138,14 +139,14 @@ def _values(study: Study, drive: Drive) -> tuple[Values, Bool[Array, ""]]:
     cases = study.operating
     names = sorted({split_name(name)[0] for name in (*study.objective, *study.constraints.names)})
 
-    def at(point):
+    def at(point: OperatingPoint) -> tuple[dict[str, Array], Bool[Array, ""]]:
         analyses = DriveAnalyses(drive, point, steady_state(drive, point, throw=False))
         values = {name: find_quantity(name, drive).measure(analyses) for name in names}
         return values, analyses.all_found()
 
     values, found = jax.vmap(at)(cases.points)
 
-    def of(name):
+    def of(name: str) -> Array:
         base, where = split_name(name)
         return values[base][np.array(cases.places(where))].ravel()
 
@@ -178,7 +179,7 @@ def evaluation(study: Study, scales: ProblemScales, x: Unit) -> Evaluation:
 
 
 def part_counts(study: Study) -> list[int]:
-    """How many parts each constrained quantity has."""
+    """Count the parts of each constrained quantity."""
     shapes = eqx.filter_eval_shape(measured, study, study.drive)
     return [part.shape[0] for part in shapes.greatest]
 
@@ -197,12 +198,12 @@ def derivatives(study: Study, scales: ProblemScales, rows: Array, x: Unit) -> Pr
 
 
 def _derivatives(study: Study, scales: ProblemScales, rows: Array, x: Unit) -> ProblemDerivatives:
-    def packed(x):
+    def packed(x: Unit) -> tuple[Array, Array]:
         at = evaluation(study, scales, x)
         return jnp.append(at.constraints[rows], at.objective), at.valid
 
     # Forward: a design has fewer variables than limits.
-    def push(direction):
+    def push(direction: Unit) -> tuple[Array, Array, Array]:
         value, slope, valid = jax.jvp(packed, (x,), (direction,), has_aux=True)
         return value, slope, valid
 
@@ -216,7 +217,7 @@ def run_measured(study: Study, drive: Drive) -> Measured:
 
 
 class Starts(NamedTuple):
-    """Where the searches begin, and what the designs seen on the way say of the problem's size."""
+    """The designs at which searches begin, and the scales that a survey of designs gives."""
 
     points: Float[Array, "starts variables"]
     scales: ProblemScales
@@ -248,7 +249,7 @@ def starting_points(study: Study, warm: tuple[dict[str, float], ...] = ()) -> St
 
 
 def measured_at(study: Study, begin: Starts, points: np.ndarray) -> list[Measured]:
-    """What the study measures of each of some designs, by their places in the unit box.
+    """The measured quantities of some designs, by their places in the unit box.
 
     The program is the one that surveyed the starting points, whence as many designs are measured
     at once.
@@ -259,12 +260,12 @@ def measured_at(study: Study, begin: Starts, points: np.ndarray) -> list[Measure
 
 
 def _spread(values: np.ndarray) -> Float[Array, ""]:
-    """How far a quantity (or the part of it that moves most) ranges over most of the designs."""
+    """Measure the range of a quantity, or of its part that moves most, over most designs."""
     if not len(values):
         return jnp.ones(())
     low, high = np.quantile(values, [0.1, 0.9], axis=0)
     return jnp.asarray(max(np.max(high - low), 1e-3 * np.max(np.abs(values)), 1e-12))
 
 
-def _survey(study: Study, points) -> Measured:
+def _survey(study: Study, points: Array) -> Measured:
     return jax.vmap(lambda x: measured(study, drive_at(study, x)))(points)

@@ -30,7 +30,7 @@ MeasureFunction = TypeVar("MeasureFunction", bound=Callable[..., Array])
 
 
 class Quantity(NamedTuple):
-    """What a name in a study means for one drive."""
+    """A quantity of one drive, as a name in a study means it."""
 
     name: str
     unit: str  # SI; empty for a pure number
@@ -151,7 +151,7 @@ def find_quantity(name: str, drive: Drive, point: OperatingPoint | None = None) 
 
 
 def _place(place: Place, text: str, drive: Drive) -> int | float:
-    """What follows the colon, as a measure takes it; names count modes from 1."""
+    """The place behind the colon, as a measure takes it; names count modes from 1."""
     if place == "pulley":
         return drive.pulley(text)
     if place == "span":

@@ -79,13 +79,13 @@ def random_seven(count, seed=0):
         )
         pulleys = [
             eqx.tree_at(
-                lambda p: (p.center, p.radius, p.face, p.on_arm, p.friction),
+                lambda p: (p.center, p.radius, p.face, p.on, p.friction),
                 pulley,
                 (
                     centers[i],
                     radii[i],
                     faces[i],
-                    carried[i],
+                    carried[i][None],
                     jnp.asarray(rng.uniform(0.4, 1.2), dtype=float),
                 ),
             )
@@ -163,7 +163,7 @@ def relisted(drive, point):
 
 
 def _numbers(pulley):
-    return pulley.center, pulley.radius, pulley.face, pulley.friction, pulley.driver, pulley.on_arm
+    return pulley.center, pulley.radius, pulley.face, pulley.friction, pulley.driver, pulley.on
 
 
 def peer_of(drive, point):
@@ -175,7 +175,7 @@ def peer_of(drive, point):
     side = float(drive.sense) * float(point.travel)
     tensioner, rule, arm = drive.tensioner, drive.installation, None
     if tensioner is not None:
-        carried = int(np.argmax([p.on_arm for p in pulleys]))
+        carried = int(np.argmax([p.on[0] for p in pulleys]))
         free = rule.free_angle if isinstance(rule, bj.BeltGiven) else None
         arm = Arm(carried, tuple(np.asarray(tensioner.pivot)), float(tensioner.stiffness), free)
     tensioned = isinstance(rule, bj.TensionGiven)

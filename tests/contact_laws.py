@@ -39,11 +39,5 @@ def data_of(state, law="kong"):
 
 
 def moved_centers(state):
-    """Centers along the travel, the arm where it is."""
-    model, turn = state.model, float(state.solved.unknown.turn)
-    x, y = np.asarray(model.arm)
-    moved = np.array(
-        [x * np.cos(turn) - y * np.sin(turn) - x, x * np.sin(turn) + y * np.cos(turn) - y]
-    )
-    drawn = np.stack([model.x, model.y], axis=1)
-    return drawn + np.asarray(model.carried)[:, None] * moved
+    """Centers along the travel, the tensioners where they are."""
+    return np.stack([state.solved.loop.x, state.solved.loop.y], axis=1)

@@ -18,19 +18,25 @@ def prototype(eps, s, P=EVEN, beta=BETA) -> SteadyModel:
     """The source's dimensionless model, with its own rounded k_s, gamma, r_t and angles."""
     mean, (beta_in, beta_out) = SPANS.mean(), np.radians(beta)
     curvature = SIDES / RADII
+    lam, rho, one = SPANS / mean, ARM / mean, jnp.ones(3)
     model = SteadyModel(
-        eps=eps,
-        s=s,
-        gam=printed.STRETCH,
-        k_s=printed.SPRING,
+        eps=eps * one,
+        c2=s**2 * one,
+        give=np.array([np.sum(lam) / printed.STRETCH]),
+        belts=np.ones((1, 3)),
         P=np.array(P),
-        lam=SPANS / mean,
+        lam=lam,
         kap_s=SPANS * curvature,
         kap_e=SPANS * np.roll(curvature, -1),
-        a=ARM / SPANS * np.array([np.cos(beta_in), -np.cos(beta_out), 0.0]),
-        w_start=ARM / SPANS * np.array([0.0, np.cos(beta_out), 0.0]),
-        D=np.sin(beta_in) - np.sin(beta_out),
-        rho=ARM / mean,
+        S=rho * np.array([[-np.sin(beta_in)], [np.sin(beta_out)], [0.0]]),
+        a=(ARM / SPANS * np.array([np.cos(beta_in), -np.cos(beta_out), 0.0]))[:, None],
+        W0=(ARM / SPANS * np.array([0.0, np.cos(beta_out), 0.0]))[:, None],
+        H=np.zeros((3, 1, 1)),
+        K=np.array([[printed.SPRING * rho]]),
+        movable=np.ones(1),
+        lo=np.array([-np.inf]),
+        hi=np.array([np.inf]),
+        rho=np.zeros(1),
     )
     return SteadyModel(*(jnp.asarray(value, dtype=float) for value in model))
 

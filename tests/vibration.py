@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
 from drives import at_groups, vibrating
-from published import ARM, BETA, RADII, SPANS, prototype
+from published import BETA, RADII, SPANS, printed, prototype
 
 import beltjax as bj
 from beltjax.physics import span
@@ -23,23 +23,24 @@ def source_model(eps, s, beta=BETA) -> VibrationModel:
     """The source's prototype with its own rounded numbers; the belt runs against x."""
     steady = prototype(eps, s, beta=beta)
     found = exact(steady)
-    mean, (beta_in, beta_out) = SPANS.mean(), np.radians(beta)
+    mean = SPANS.mean()
     u, z = span.layer_width(steady.eps, steady.lam, found.Q)
-    arm_strain = ARM / SPANS * np.array([-np.sin(beta_in), np.sin(beta_out), 0.0])
+    one, lam = jnp.ones(3), steady.lam
+    ends = np.roll(np.eye(3), -1, axis=0) - np.eye(3)
     return VibrationModel(
-        eps=steady.eps, s=steady.s, tau=jnp.array(-1.0), gam=steady.gam, k_s=steady.k_s,
-        lam=steady.lam, rho=steady.rho, Q=found.Q, kap_s=steady.kap_s, kap_e=steady.kap_e,
-        u=u, z=z, drop=steady.a * found.th, a=steady.a, w_start=steady.w_start,
-        pull=jnp.asarray(arm_strain), r=jnp.asarray(RADII / mean),
-        J=jnp.asarray(INERTIAS / (MASS * ARM * mean**2)),
-        J_t=jnp.asarray(ARM_INERTIA / (MASS * ARM * mean**2)),
+        eps=steady.eps, s=s * one, tau=-one, gam=printed.STRETCH * one, mu=one,
+        lam=lam, Q=found.Q, kap_s=steady.kap_s, kap_e=steady.kap_e, u=u, z=z,
+        drop=steady.a @ found.q, a=steady.a, W0=steady.W0, pull=steady.S / lam[:, None],
+        H=steady.H, K=steady.K, M=jnp.array([[ARM_INERTIA / (MASS * mean**3)]]),
+        movable=steady.movable, turns=-ends * (RADII / mean) / lam[:, None],
+        K_r=jnp.zeros((3, 3)), M_r=jnp.diag(INERTIAS / (MASS * mean**3)),
     )  # fmt: skip
 
 
 def matrices(model, basis):
-    pulleys = jnp.arange(len(model.r))
-    d = elongations(model, basis, pulleys, arm=True)
-    return assembled(model, basis, d, pulleys, arm=True)
+    rotors = jnp.arange(len(model.M_r))
+    d = elongations(model, basis, rotors)
+    return assembled(model, basis, d, rotors)
 
 
 def held(whole, spans, driver=0):

@@ -37,7 +37,7 @@ def run() -> int:
     except FileError as error:
         leave(str(error), INVALID)
     except BrokenPipeError:
-        # Whoever read the output has seen enough; nothing can be told any more.
+        # The reader of the output has closed it; nothing can be printed any more.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
     except OSError as error:

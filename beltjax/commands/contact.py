@@ -26,11 +26,13 @@ def _document() -> type["Document"]:
     type=click.Choice(["kong", "hyperelastic"]),
     default="kong",
     show_default=True,
-    help="T = EA e, or the law that conserves energy.",
+    help="Take T = EA e, or the law that conserves energy.",
 )
 @json_option
 @figure_option
-@click.option("--compare", metavar="FILE.png", help="Spans beside those of fixed contact points.")
+@click.option(
+    "--compare", metavar="FILE.png", help="Draw the spans beside those of fixed contact points."
+)
 def contact(
     drive_file: str,
     maximum: bool,

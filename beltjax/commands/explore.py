@@ -31,17 +31,29 @@ def _document() -> type["Document"]:
     required=True,
     multiple=True,
     metavar="NAME=FROM:TO:POINTS",
-    help="A number and its range; NAME=FROM:TO with --samples. Give one for each number.",
+    help="Vary this number over a range; NAME=FROM:TO with --samples. Give one for each number.",
 )
-@click.option("--samples", type=int, metavar="N", help="Quasi-random designs, not a grid.")
+@click.option(
+    "--samples", type=int, metavar="N", help="Draw so many quasi-random designs in place of a grid."
+)
 @seed_option
-@click.option("--out", "store", required=True, metavar="STORE.zarr", help="Written or resumed.")
+@click.option(
+    "--out",
+    "store",
+    required=True,
+    metavar="STORE.zarr",
+    help="Write this store, or go on with it.",
+)
 @quantity_option
 @quantities_option
-@click.option("--modes", default=0, show_default=True, help="Lowest frequencies to find.")
-@click.option("--batch", type=int, metavar="N", help="Designs computed and written at once.")
-@click.option("--workers", type=int, metavar="N", help="Processes on this machine, by Dask.")
-@click.option("--scheduler", metavar="ADDRESS", help="Of a Dask cluster, tcp://HOST:PORT.")
+@click.option(
+    "--modes", default=0, show_default=True, help="Find so many of the lowest frequencies."
+)
+@click.option("--batch", type=int, metavar="N", help="Compute and write so many designs at once.")
+@click.option(
+    "--workers", type=int, metavar="N", help="Use so many processes on this machine, by Dask."
+)
+@click.option("--scheduler", metavar="ADDRESS", help="Use the Dask cluster at tcp://HOST:PORT.")
 @json_option
 def explore(
     drive_file: str, quantity: tuple[str, ...], json_path: str | None, store: str, **given: Any

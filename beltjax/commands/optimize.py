@@ -21,14 +21,24 @@ def _document() -> type["Document"]:
 @command(_document)
 @click.argument("study_file", metavar="STUDY.toml")
 @json_option
-@click.option("--figure", metavar="FILE.png", help="Picture of the layout before and after.")
-@click.option("--out", "--save-drive", "drive", metavar="DRIVE.toml", help="Optimized drive.")
-@click.option("--report", "page", metavar="FILE.html", help="Report that opens in a browser.")
-@click.option("--method", metavar="NAME", help="Optimizer in place of the study's.")
+@click.option("--figure", metavar="FILE.png", help="Draw the layout before and after.")
+@click.option(
+    "--out", "--save-drive", "drive", metavar="DRIVE.toml", help="Write the optimized drive."
+)
+@click.option(
+    "--report", "page", metavar="FILE.html", help="Write a report that opens in a browser."
+)
+@click.option("--method", metavar="NAME", help="Use this optimizer in place of the study's.")
 @optimizers_option
 @quantities_option
-@click.option("--time-limit", type=click.FloatRange(0, min_open=True), help="In seconds.")
-@click.option("--checkpoint", metavar="FILE", help="Keep the search's state; go on from it.")
+@click.option(
+    "--time-limit",
+    type=click.FloatRange(0, min_open=True),
+    help="End the search after so many seconds.",
+)
+@click.option(
+    "--checkpoint", metavar="FILE", help="Keep the search's state in a file, and go on from it."
+)
 @click.option("--warm", metavar="FILE.json", help="Also start from the design of an earlier run.")
 def optimize(study_file: str, json_path: str | None, figure: str | None, **given: Any) -> None:
     """The design that minimizes an objective under constraints."""

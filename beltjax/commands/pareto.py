@@ -20,7 +20,9 @@ def _document() -> type["Document"]:
 
 @command(_document)
 @click.argument("study_file", metavar="STUDY.toml")
-@click.option("--points", type=click.IntRange(2, 200), help="Limits along each objective.")
+@click.option(
+    "--points", type=click.IntRange(2, 200), help="Set so many limits along each objective."
+)
 @quantities_option
 @json_option
 @figure_option

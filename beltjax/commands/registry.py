@@ -79,10 +79,17 @@ json_option = click.option(
 )
 figure_option = click.option("--figure", metavar="FILE.png", help="Write a picture.")
 quantity_option = click.option(
-    "--quantity", multiple=True, metavar="NAME", help='As in a study; "coupling" unless given.'
+    "--quantity",
+    multiple=True,
+    metavar="NAME",
+    help='Measure this quantity of a study; "coupling" unless given.',
 )
 seed_option = click.option(
-    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the sample."
+    "--seed",
+    type=click.IntRange(0),
+    default=0,
+    show_default=True,
+    help="Draw the sample of this seed.",
 )
 quantities_option = _listing_option("--quantities", _list_quantities, "quantities")
 optimizers_option = _listing_option("--methods", _list_optimizers, "optimizers")

@@ -20,11 +20,29 @@ def _document() -> type["Document"]:
 
 @command(_document)
 @click.argument("drive_file", metavar="DRIVE.toml")
-@click.option("--crank", metavar="AMPLITUDE", help="Driver's rotation, zero to peak (rad).")
-@click.option("--torque", multiple=True, metavar="NAME=AMPLITUDE", help="On a pulley (N m).")
-@click.option("--order", type=float, help="Per rotation of the driver; 2 unless the file says.")
-@click.option("--speeds", default="600 rpm:6000 rpm:200", show_default=True, help="Of the driver.")
-@click.option("--modal-damping", type=float, help="Ratio of every mode; 0.02 unless given.")
+@click.option(
+    "--crank", metavar="AMPLITUDE", help="Turn the driver by this amplitude, zero to peak (rad)."
+)
+@click.option(
+    "--torque",
+    multiple=True,
+    metavar="NAME=AMPLITUDE",
+    help="Apply a torque of this amplitude to a pulley (N m).",
+)
+@click.option(
+    "--order",
+    type=float,
+    help="Excite so often per rotation of the driver; 2 unless the file says.",
+)
+@click.option(
+    "--speeds",
+    default="600 rpm:6000 rpm:200",
+    show_default=True,
+    help="Vary the driver's speed over this range.",
+)
+@click.option(
+    "--modal-damping", type=float, help="Damp every mode by this ratio; 0.02 unless given."
+)
 @json_option
 @figure_option
 def response(

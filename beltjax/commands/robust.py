@@ -27,17 +27,30 @@ def _document() -> type["Document"]:
 @command(_document)
 @click.argument("drive_file", metavar="DRIVE.toml")
 @click.option(
-    "--within", multiple=True, metavar="NAME=SIZE", help="Anywhere up to SIZE from nominal."
+    "--within",
+    multiple=True,
+    metavar="NAME=SIZE",
+    help="Scatter a number evenly, up to SIZE from nominal.",
 )
 @click.option(
-    "--deviation", multiple=True, metavar="NAME=SIZE", help="Normal, of that standard deviation."
+    "--deviation",
+    multiple=True,
+    metavar="NAME=SIZE",
+    help="Scatter a number normally, by this standard deviation.",
 )
 @quantity_option
 @quantities_option
-@click.option("--samples", default=4096, show_default=True, help="Drives looked at.")
+@click.option("--samples", default=4096, show_default=True, help="Compute so many drives.")
 @seed_option
-@click.option("--quantile", default=0.99, show_default=True, help="Of the worst values.")
-@click.option("--indices", is_flag=True, help="Shares of the variance from a sample, by SALib.")
+@click.option(
+    "--quantile",
+    default=0.99,
+    show_default=True,
+    help="Report this quantile of the values and its opposite.",
+)
+@click.option(
+    "--indices", is_flag=True, help="Find shares of the variance from a sample, by SALib."
+)
 @json_option
 def robust(drive_file: str, quantity: tuple[str, ...], json_path: str | None, **given: Any) -> None:
     """What tolerances make of a drive: means, deviations, quantiles, and which one matters.

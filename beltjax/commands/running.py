@@ -1,4 +1,4 @@
-"""How a command runs: outputs checked first, progress shown, then files and tables written.
+"""The run of a command: it checks outputs first, shows progress, then writes files and tables.
 
 Nothing that is slow to load is imported before the arguments are checked.
 """

@@ -20,9 +20,11 @@ def _document() -> type["Document"]:
 
 @command(_document)
 @click.argument("drive_file", metavar="DRIVE.toml")
-@click.option("--over", required=True, metavar="NAME=FROM:TO:POINTS", help="Number and range.")
-@click.option("--count", default=8, show_default=True, help="How many modes.")
-@click.option("--orders", default="2,4", show_default=True, help="Lines over a speed.")
+@click.option(
+    "--over", required=True, metavar="NAME=FROM:TO:POINTS", help="Vary this number over a range."
+)
+@click.option("--count", default=8, show_default=True, help="Follow so many modes.")
+@click.option("--orders", default="2,4", show_default=True, help="Draw these orders over a speed.")
 @json_option
 @click.option("--netcdf", metavar="FILE.nc", help="Write every row, with units.")
 @figure_option

@@ -1,1 +1,1 @@
-"""How functions are compiled: quickly, in few programs, kept between runs."""
+"""Compiling: functions compile quickly, in few programs, which are kept between runs."""

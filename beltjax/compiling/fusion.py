@@ -46,7 +46,7 @@ def _run(program: ClosedJaxpr, given: Sequence[_Value]) -> list[_Value]:
     constants = [_Value(array, 0) for array in program.consts]
     known = dict(zip([*inside.constvars, *inside.invars], [*constants, *given], strict=True))
 
-    def read(atom) -> _Value:
+    def read(atom: Any) -> _Value:
         return _Value(atom.val, 0) if isinstance(atom, Literal) else known[atom]
 
     for equation in inside.eqns:
@@ -57,7 +57,7 @@ def _run(program: ClosedJaxpr, given: Sequence[_Value]) -> list[_Value]:
 
 
 def _uses(program: Jaxpr) -> collections.Counter:
-    """How often each value of a program is used."""
+    """Count how often each value of a program is used."""
     atoms = [atom for equation in program.eqns for atom in equation.invars] + program.outvars
     return collections.Counter(atom for atom in atoms if not isinstance(atom, Literal))
 

@@ -17,7 +17,7 @@ Function = TypeVar("Function", bound=Callable)
 
 
 class Form(NamedTuple):
-    """How an answer is put together from its arrays."""
+    """The form in which an answer is put together from its arrays."""
 
     places: Any  # the answer, with the number of each array in its place
     rest: Any  # what is no array
@@ -60,7 +60,7 @@ def usual_promotion(function: Function) -> Function:
     """
 
     @functools.wraps(function)
-    def usual(*args, **kwargs):
+    def usual(*args: Any, **kwargs: Any) -> Any:
         with jax.numpy_rank_promotion("allow"), jax.numpy_dtype_promotion("standard"):
             return function(*args, **kwargs)
 
@@ -74,15 +74,15 @@ def quick_jit(function: Function) -> Function:
     searches, which `jax.jit` serves better. Take derivatives and batches inside of it, not of it:
     `quick_jit(jax.grad(f))`. Numbers that are not arrays are static, as in `equinox.filter_jit`.
 
-    On a CPU XLA is told to emit plain loops, not to optimize, and not to compute values again
-    that it could keep. Elsewhere it is a plain jit.
+    On a CPU, options make XLA emit plain loops, not optimize, and not compute values again that
+    it could keep. Elsewhere it is a plain jit.
     """
     jitted: Any = eqx.filter_jit  # whose overloads leave out what it passes on to jax.jit
     if jax.default_backend() != "cpu":
         return jitted(function)
 
     @functools.wraps(function)
-    def quick(*args, **kwargs):
+    def quick(*args: Any, **kwargs: Any) -> Any:
         call = flat_call(function, *args, **kwargs)
         return in_form(with_bounded_fusion(call.function)(*call.arrays), call.forms[-1])
 
@@ -104,7 +104,7 @@ def boundary_jit(function: Function) -> Function:
     traced: Any = usual_promotion(eqx.filter_jit(function))
 
     @functools.wraps(function)
-    def either(*args, **kwargs):
+    def either(*args: Any, **kwargs: Any) -> Any:
         leaves = jax.tree.leaves((args, kwargs))
         inside = any(isinstance(leaf, Tracer) for leaf in leaves)
         return (traced if inside else quickly_compiled(function))(*args, **kwargs)
@@ -112,8 +112,8 @@ def boundary_jit(function: Function) -> Function:
     return either  # pyright: ignore[reportReturnType]
 
 
-# What XLA is told on a CPU, and why; measured with jax 0.10 on the seven-pulley steady state with
-# all slopes. An option that this version of XLA does not know is left out, at that cost.
+# The options for XLA on a CPU, and why; measured with jax 0.10 on the seven-pulley steady state
+# with all slopes. An option that this version of XLA does not know is left out, at that cost.
 _QUICK: dict[str, Any] = {
     # Plain loops instead of emitted fusions: compiles in 6 s instead of 15 s.
     "xla_cpu_use_fusion_emitters": False,
@@ -126,12 +126,12 @@ _QUICK: dict[str, Any] = {
 
 @functools.cache
 def quick_options() -> dict[str, Any] | None:
-    """What `jax.jit` must be told to compile quickly on this machine."""
+    """The options with which `jax.jit` compiles quickly on this machine."""
     return known_options(_QUICK | KEEP_BARRIERS) if jax.default_backend() == "cpu" else None
 
 
 def known_options(wanted: dict[str, Any]) -> dict[str, Any]:
-    """Those of the compiler's options that this version of XLA knows.
+    """The compiler's options among `wanted` that this version of XLA knows.
 
     They are XLA's own and come and go with its versions; an unknown one stops every compilation.
     """
@@ -158,7 +158,7 @@ def in_chunks(
     """`run(values)` on the host, `size` values at a time, so that one shape compiles.
 
     `run` takes [size] and returns a pytree with that axis first; the last chunk is filled up
-    with its own last value. `advance(done, total)` is told of every chunk.
+    with its own last value. `advance(done, total)` is called before every chunk.
     """
     parts = []
     for start in range(0, len(values), size):

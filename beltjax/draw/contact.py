@@ -111,7 +111,7 @@ def _name_places(axes: Axes, drive: Drive, pieces: tuple[BeltPiece, ...]) -> Non
 
 
 def two_models_figure(drive: Drive, states: list[tuple[str, ContactState, SteadyState]]) -> Figure:
-    """Each span by both models, one color a state: contact points free, and fixed at a string's.
+    """Each span by both models, one color per state: contact points free, and fixed at a string's.
 
     Deflections from the straight tangent, enlarged by what the axes' scales say.
     """

@@ -27,7 +27,7 @@ def driver_speeds(drive: Drive, found: Sweep) -> np.ndarray | None:
 def sweep_figure(
     drive: Drive, found: Sweep, labels: Sequence[str], orders: Sequence[float]
 ) -> Figure:
-    """Frequencies over the swept number, one color a mode, with lines of excitation orders.
+    """Frequencies over the swept number, one color per mode, with lines of excitation orders.
 
     The lines are drawn where the swept number is a speed: `order` times the driver's rotations
     per second, the frequency that a firing order excites.
@@ -60,7 +60,9 @@ def sweep_figure(
     return figure
 
 
-def _draw_orders(axes: Axes, x, rotations, orders: Sequence[float], top: float) -> None:
+def _draw_orders(
+    axes: Axes, x: np.ndarray, rotations: np.ndarray, orders: Sequence[float], top: float
+) -> None:
     for order in orders:
         axes.plot(x, order * rotations, "--", color="#555555", linewidth=0.9)
         inside = np.flatnonzero(order * rotations <= top)

@@ -1,4 +1,4 @@
-"""How a mode's label names the spans of a drive."""
+"""Labels of modes that name the spans of a drive."""
 
 from beltjax.analysis.modes import Modes
 from beltjax.drive.system import Drive

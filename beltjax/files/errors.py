@@ -1,4 +1,4 @@
-"""What is wrong with a file, said in one line: file, key, what was found, what to do."""
+"""Errors of files, which say in one line the file, the key, what was found and what to do."""
 
 
 class FileError(ValueError):

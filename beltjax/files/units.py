@@ -42,7 +42,7 @@ _DEFINITIONS = (
     "@alias kilogram_force = kp",
 )
 # What was found in place of what is wanted, as units of those dimensions, and what leads on.
-# Where a row fits, those after it are not looked at.
+# The first row that fits is taken.
 _HINTS = (
     ("N", "kg", "that is a mass; a force is in N, lbf or kgf"),
     ("N m", "kg m", 'that is a mass times a length; write a force for the mass, as in "1 lbf in"'),
@@ -146,7 +146,7 @@ def _parsed(text: str, unit: str) -> float:
 
 
 def _other_notation(text: str) -> str:
-    """What to write in place of a decimal comma, or of a fraction of an inch; empty if neither."""
+    """A hint for a decimal comma or a fraction of an inch; empty where there is neither."""
     comma = _DECIMAL_COMMA.fullmatch(text)
     if comma:
         return f'write a point: "{comma[1]}.{comma[2]}{comma[3].rstrip()}"'
@@ -160,7 +160,7 @@ def _other_notation(text: str) -> str:
 
 
 def _frequency(number: float, named: Any, unit: str) -> str:
-    """How a frequency is written as an angular speed; empty where it is none."""
+    """Say how a frequency is written as an angular speed; empty where it is none."""
     if unit != "rad/s" or named.dimensionality != _units().Unit("Hz").dimensionality:
         return ""
     rpm = 60 * number * _units().Quantity(1.0, named).to("1/s").magnitude
@@ -168,7 +168,7 @@ def _frequency(number: float, named: Any, unit: str) -> str:
 
 
 def _lead(written: str, number: str, unit: str) -> str:
-    """What leads on from a unit of another kind; empty where nothing is known to."""
+    """A hint for a unit of another kind; empty where there is none."""
     if written.lower().replace(" ", "") in ("u/min", "/min"):
         return f'write "{number} rpm"' if unit == "rad/s" else ""
     registry = _units()

@@ -10,19 +10,19 @@ Output = str | os.PathLike[str]
 
 
 def is_special(path: Output) -> bool:
-    """Whether there is something to be written to, not replaced: a pipe, a device."""
+    """Return whether a path is to be written to and not replaced, like a pipe or a device."""
     return os.path.exists(path) and not os.path.isfile(path)
 
 
 def is_same(one: Output, other: Output) -> bool:
-    """Whether two paths, of files that may not exist yet, are one file."""
+    """Return whether two paths, of files that may not exist yet, are one file."""
     if os.path.exists(one) and os.path.exists(other):
         return os.path.samefile(one, other)  # hard links too
     return os.path.realpath(one) == os.path.realpath(other)
 
 
 def refusal(path: Output) -> str:
-    """Why nothing may be written at `path`; empty where it may be."""
+    """Say why nothing may be written at `path`; empty where it may be."""
     target = Path(os.path.realpath(path))
     if target.is_dir() or target.is_symlink() or not target.parent.is_dir():  # a link to itself
         return "cannot be written there; give a file in a folder that exists"
@@ -113,7 +113,7 @@ def _sync(folder: str) -> None:
 
 
 def made_private(folder: Output) -> bool:
-    """Whether a folder is the user's own and no one else may write there; made where it is not.
+    """Make a folder; return whether it is the user's own and no one else may write there.
 
     What is loaded from a cache is run: nobody else may have put it there.
     """

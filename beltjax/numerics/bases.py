@@ -23,6 +23,9 @@ from beltjax.numerics.derivative_rules import with_own_slopes
 _DEPTH = 320
 
 
+Pair = tuple[Array, Array]
+
+
 class Products(NamedTuple):
     """Integrals over [0, 1] of products of the basis' functions psi_a; constants."""
 
@@ -84,7 +87,7 @@ class Sine(AbstractBasis):
             first=scale * sign / waves,
         )
 
-    def layer_moments(self, u, z):
+    def layer_moments(self, u: Array, z: Array) -> tuple[Array, Array]:
         """k^2 S = S'' by parts twice: only the end where S is 1 contributes."""
         n = np.arange(1, self.size + 1)
         waves = n * np.pi
@@ -96,7 +99,7 @@ class Sine(AbstractBasis):
         )
         return moment, moment * np.where(n % 2 == 1, 1.0, -1.0)
 
-    def values(self, x, order=0):
+    def values(self, x: Array, order: int = 0) -> Array:
         """By the angle moved on a quarter turn for each derivative."""
         waves = np.arange(1, self.size + 1) * np.pi
         angle = x[..., None] * waves + order * np.pi / 2
@@ -132,15 +135,18 @@ class Legendre(AbstractBasis):
             first=(mean + odd) / 2,
         )
 
-    def layer_moments(self, u, z):
-        """Of P_j: i_j(k/2)/(2 cosh(k/2)), j even, or over 2 sinh, j odd; i_j spherical Bessel."""
+    def layer_moments(self, u: Array, z: Array) -> tuple[Array, Array]:
+        """Moments of P_j: i_j(k/2)/(2 cosh(k/2)) for even j, over 2 sinh for odd j.
+
+        The i_j are modified spherical Bessel functions.
+        """
         moments = with_own_slopes(functools.partial(_legendre_layer, count=self.size + 2))(u, z)
         n = np.arange(self.size)
         ends = (moments[n] - moments[n + 2]) / (2 * np.sqrt(2 * n + 3.0))
         # P_j(1 - 2x) = (-1)^j P_j(2x - 1).
         return ends * np.where(n % 2 == 0, 1.0, -1.0), ends
 
-    def values(self, x, order=0):
+    def values(self, x: Array, order: int = 0) -> Array:
         """Through the coefficients of each function's derivative in Legendre polynomials."""
         count = self.size
         n = np.arange(count)
@@ -154,7 +160,7 @@ class Legendre(AbstractBasis):
 def _legendre_values(t: Array, count: int) -> Array:
     """P_0 .. P_{count-1} at t in [-1, 1]: [..., count]."""
 
-    def following(pair, j):
+    def following(pair: Pair, j: Array) -> tuple[Pair, Array]:
         before, here = pair
         return (here, ((2 * j + 1) * t * here - j * before) / (j + 1)), before
 
@@ -174,7 +180,7 @@ def _legendre_layer(u: Array, z: Array, count: int) -> Array:
     start = (2 * _DEPTH + 3) / 2 * w
     first = (1 / (2 * _DEPTH + 3.0) * jnp.ones_like(zeta), jnp.sqrt(1 + start**2) - start)
 
-    def down(ratios, j):
+    def down(ratios: Pair, j: Array) -> tuple[Pair, Pair]:
         tau, t = ratios
         ratios = 1 / (2 * j + 3 + zeta * tau), 1 / ((2 * j + 3) * w + t)
         return ratios, ratios

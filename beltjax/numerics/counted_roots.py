@@ -1,4 +1,4 @@
-"""Roots of a characteristic function that can tell how many of them lie below a point."""
+"""Roots of a characteristic function of which it is known how many lie below a point."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -13,11 +13,11 @@ Scalar = Float[Array, ""]
 _CLOSE = 1e-12  # relative width of the bracket in which a root has been caught
 _NEARLY = 100.0  # times that width, to which rounding may spoil the function
 _FIRST_STRIDE = 0.003
-_APART = 1e-9  # relative distance of two points that tell a slope
+_APART = 1e-9  # relative distance from which on two points give a slope
 
 
 class Counted(NamedTuple):
-    """A root, and the evidence that it is the one asked for."""
+    """A root, and the evidence that it is the wanted one."""
 
     root: Scalar
     lower: Scalar  # fewer than `number` roots lie below here,
@@ -26,7 +26,7 @@ class Counted(NamedTuple):
     steps: Int[Array, ""]
 
 
-class _State(NamedTuple):
+class _BracketState(NamedTuple):
     x: Scalar
     earlier: Float[Array, "2 2"]  # the two points before x, apart from each other: x and value
     slope: Scalar
@@ -50,13 +50,13 @@ def counted_root(
 
     `value(x)` is the function at x > 0 and the number of its roots below x, repeated ones as
     often as they repeat. The count alone moves the bracket, so neither a neighboring root nor a
-    pole can be taken for the one asked for; the function, whose slope is that of the parabola
-    through the last three points, only chooses where to look next.
+    pole can be taken for the wanted one; the function, whose slope is that of the parabola
+    through the last three points, only chooses the next point.
     The root is returned when the bracket is closed on it, to 1e-12, and never before. Where it
     is not `wanted`, as in a failed lane of a batch, nothing is done and the guess returned.
     """
 
-    def body(state: _State) -> _State:
+    def body(state: _BracketState) -> _BracketState:
         here, below = value(state.x)
         slope, earlier = _through(state.x, here, state)
         newton = jnp.where(slope == 0, jnp.inf, -here / jnp.where(slope == 0, 1.0, slope))
@@ -70,24 +70,24 @@ def counted_root(
         )
         return _moved(seen, newton, over)
 
-    def open_(state: _State) -> Bool[Array, ""]:
+    def open_(state: _BracketState) -> Bool[Array, ""]:
         return state.upper - state.lower > 4 * _CLOSE * state.x
 
-    def unfinished(state: _State):
+    def unfinished(state: _BracketState) -> Bool[Array, ""]:
         return wanted & open_(state) & (state.steps < max_steps)
 
     zero, endless = jnp.zeros_like(guess), jnp.full_like(guess, jnp.inf)
     stride = jnp.full_like(guess, _FIRST_STRIDE)
     nowhere = jnp.array([[jnp.inf, 0.0], [-jnp.inf, 0.0]], guess.dtype)
-    start = _State(guess, nowhere, zero, guess, zero, endless, endless, stride, jnp.array(0))
+    start = _BracketState(guess, nowhere, zero, guess, zero, endless, endless, stride, jnp.array(0))
     end = jax.lax.while_loop(unfinished, body, start)
     root = jnp.clip(end.refined, end.lower, end.upper)
     root = jnp.where(open_(end), guess, root)
     return Counted(root, end.lower, end.upper, ~open_(end), end.steps)
 
 
-def _moved(state: _State, newton: Scalar, over: Bool[Array, ""]) -> _State:
-    """To where to look next, from an end of the bracket, the upper one if `over`."""
+def _moved(state: _BracketState, newton: Scalar, over: Bool[Array, ""]) -> _BracketState:
+    """The step to the next point, from an end of the bracket, the upper one if `over`."""
     x, lower, upper = state.x, state.lower, state.upper
     close = _CLOSE * x
     # At a root the last thing to do is to step over it, so that the bracket closes. Rounding
@@ -106,7 +106,7 @@ def _moved(state: _State, newton: Scalar, over: Bool[Array, ""]) -> _State:
         jnp.where(jnp.abs(newton) <= limit, 1.5 * jnp.abs(newton) + close, limit), limit
     )
     # An end of the bracket may be the root itself, and a step point past it; next to it is
-    # where to look then.
+    # the next point then.
     target = x + towards
     outside = jnp.maximum(lower - target, target - upper)
     inside = (outside < jnp.maximum(_NEARLY * close, 0.1 * (upper - lower))) & shrinks
@@ -123,16 +123,16 @@ def _moved(state: _State, newton: Scalar, over: Bool[Array, ""]) -> _State:
     return state._replace(x=trial, last=last, stride=stride, steps=state.steps + 1)
 
 
-def _through(x: Scalar, here: Scalar, state: _State) -> tuple[Scalar, Float[Array, "2 2"]]:
+def _through(x: Scalar, here: Scalar, state: _BracketState) -> tuple[Scalar, Float[Array, "2 2"]]:
     """Slope at x of the parabola through x and the two points before it, and those to keep.
 
     A point at infinity leaves the chord of the others, or, with both there, the slope 0. Points too
-    close to tell a slope by rounding are not taken.
+    close that rounding spoils their slope are not taken.
     """
     (x1, f1), (x2, f2) = state.earlier
     apart = jnp.abs(x - x1) > _APART * x
 
-    def chord(dx, df):
+    def chord(dx: Array, df: Array) -> Array:
         return df / jnp.where(dx == 0, jnp.inf, dx)
 
     first, across, before = (
@@ -157,18 +157,20 @@ def counted_derivative(
 
 
 @eqx.filter_custom_jvp
-def _held_root(args, root, repeated, *, value):
+def _held_root(args: Any, root: Array, repeated: Bool[Array, ""], *, value: Callable) -> Array:
     return root
 
 
 @_held_root.def_jvp
-def _held_root_jvp(primals, tangents, *, value):
+def _held_root_jvp(
+    primals: tuple[Any, ...], tangents: tuple[Any, ...], *, value: Callable
+) -> tuple[Any, Any]:
     args, root, repeated = primals
     # As it follows from the arguments, for those who differentiate this rule in turn.
     root = _held_root(args, root, repeated, value=value)
     sides = jnp.array([1.0, -1.0])
 
-    def residual(arguments):
+    def residual(arguments: Any) -> Array:
         x, args = arguments
         apart = jnp.where(repeated, 1e-5 * jax.lax.stop_gradient(x), 0.0)
         here, there = jax.vmap(lambda h: value(x + h, args))(apart * sides)

@@ -20,7 +20,7 @@ def frozen_unless(good: Bool[Array, ""], numbers: Numbers) -> Numbers:
     tangents that are not finite, the second cotangents.
     """
 
-    def freeze(leaf):
+    def freeze(leaf: Any) -> Any:
         if not eqx.is_inexact_array(leaf):
             return leaf
         return jnp.where(good, leaf, jax.lax.stop_gradient(leaf))
@@ -37,16 +37,16 @@ def with_own_slopes(function: Callable[..., Float[Array, " m"]]) -> Callable[...
     """
     held = jax.custom_jvp(function)
 
-    def rule(primals, tangents):
+    def rule(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
         moving = [k for k, tangent in enumerate(tangents) if type(tangent) is not SymbolicZero]
 
-        def along(*moved):
+        def along(*moved: Array) -> Array:
             arguments = list(primals)
             for k, value in zip(moving, moved, strict=True):
                 arguments[k] = value
             return function(*arguments)
 
-        def push(row):
+        def push(row: Array) -> tuple[Array, Array]:
             return jax.jvp(along, tuple(primals[k] for k in moving), tuple(row))
 
         value, slopes = jax.vmap(push, out_axes=(None, 0))(jnp.eye(len(moving)))
@@ -64,7 +64,7 @@ def without_derivative(numbers: Any) -> Any:
 
 
 @without_derivative.defjvp
-def _without_derivative_jvp(primals, tangents):
+def _without_derivative_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
     return *primals, jax.tree.map(lambda tangent: jnp.nan * tangent, *tangents)
 
 
@@ -80,7 +80,9 @@ def _differentiated_once(arrays: Numbers) -> Numbers:
 
 
 @_differentiated_once.defjvp
-def _differentiated_once_jvp(primals, tangents):
+def _differentiated_once_jvp(
+    primals: tuple[Any, ...], tangents: tuple[Any, ...]
+) -> tuple[Any, Any]:
     (arrays,), (moved,) = primals, tangents
     return arrays, jax.tree.map(lambda x, t: _one(x) * t, arrays, moved)
 
@@ -92,5 +94,5 @@ def _one(x: Array) -> Array:
 
 
 @_one.defjvp
-def _one_jvp(primals, tangents):
+def _one_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
     return _one(*primals), jnp.nan * tangents[0]

@@ -27,7 +27,7 @@ class Carlson(NamedTuple):
 
     rf: Real  # R_F(x, y, z)
     rd: Real  # R_D(x, y, z) = R_J(x, y, z, z)
-    rj: Real  # R_J(x, y, z, p); zero if not asked for
+    rj: Real  # R_J(x, y, z, p); zero where it is not wanted
 
 
 class _Duplicated(NamedTuple):
@@ -51,7 +51,7 @@ def carlson(x: Real, y: Real, z: Real, p: Real | None = None) -> Carlson:
     x, y, z, p = jnp.broadcast_arrays(x, y, z, given)
     delta = (p - x) * (p - y) * (p - z)
 
-    def duplicate(m, now: _Duplicated) -> _Duplicated:
+    def duplicate(m: Array, now: _Duplicated) -> _Duplicated:
         x, y, z, p, rd, rj = now
         a, b, c = jnp.sqrt(x), jnp.sqrt(y), jnp.sqrt(z)
         lam = a * b + a * c + b * c

@@ -9,7 +9,7 @@ has the eigenvalues +-omega, all real, with orthogonal vectors of unit energy
 omega^2 v*Mv + v*Kv = 1. Damped and unstable systems need the general eigenproblem.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -140,7 +140,7 @@ def _turned(vectors: Vectors, weighted: Vectors) -> Vectors:
 def _left_vectors(M: Matrix, C: Matrix, K: Matrix, values: Array, vectors: Vectors) -> Vectors:
     """By inverse iteration with the adjoint."""
 
-    def left(value, vector):
+    def left(value: Array, vector: Array) -> Array:
         # A little off the eigenvalue, where the matrix is not singular to rounding.
         near = value * (1 + 1e-11) + 1e-300
         adjoint = (near**2 * M + near * C + K).conj().T
@@ -176,7 +176,7 @@ def eigenvalues(values: Array, held: Forms) -> Complex[Array, " count"]:
 
 
 @eigenvalues.defjvp
-def _eigenvalues_jvp(primals, tangents):
+def _eigenvalues_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
     (values, held), (_, moved) = primals, tangents
     held = without_derivative(held)  # which would lack the motion of the vectors
     change = values**2 * moved.mass + values * moved.damping + moved.stiffness
@@ -195,11 +195,11 @@ def eigenvectors(M: Matrix, C: Matrix, K: Matrix, values: Array, vectors: Vector
 
 
 @eigenvectors.defjvp
-def _eigenvectors_jvp(primals, tangents):
+def _eigenvectors_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
     M, C, K, values, vectors = without_derivative(primals)
     dM, dC, dK = tangents[:3]
 
-    def moved(value, v):
+    def moved(value: Array, v: Array) -> Array:
         pencil = value**2 * M + value * C + K
         slope = (2 * value * M + C) @ v
         change = (value**2 * dM + value * dC + dK) @ v
@@ -239,7 +239,7 @@ def symmetric_root(A: Matrix) -> Matrix:
 
 
 @symmetric_root.defjvp
-def _symmetric_root_jvp(primals, tangents):
+def _symmetric_root_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
     (A,), (dA,) = primals, tangents
     values, vectors = jnp.linalg.eigh(A)
     roots = jnp.sqrt(jnp.maximum(values, 0.0))

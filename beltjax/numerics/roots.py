@@ -1,6 +1,6 @@
 """Roots of small systems: searched with safeguards, differentiated at the equations.
 
-A search (`increasing_root`, `system_root`) looks for a root and is never differentiated: hand it
+A search (`increasing_root`, `system_root`) finds a root and is never differentiated: hand it
 arguments without derivatives. `implicit_root` gives a root found in any way its derivative,
 forward and reverse and to any order, by one linear solve with the converged equations, and
 `implicit_solution` what follows from the root, too. Between
@@ -64,7 +64,7 @@ def increasing_root(
     everywhere the search ends at `lower` with a positive residual.
     """
 
-    def body(state):
+    def body(state: tuple[Any, ...]) -> tuple[Any, ...]:
         x, low, high, _, _, steps = state
         value, slope = jax.jvp(residual, (x,), (jnp.ones_like(x),))
         reach = x - value / least_slope if bounded else x
@@ -79,7 +79,7 @@ def increasing_root(
         done = jnp.abs(step) <= tol * (1.0 + jnp.abs(x))
         return x + step, low, high, value, done, steps + 1
 
-    def unfinished(state):
+    def unfinished(state: tuple[Any, ...]) -> Bool[Array, ""]:
         *_, done, steps = state
         return ~done & (steps < max_steps)
 
@@ -104,20 +104,20 @@ def system_root(
     Where it is not `wanted`, nothing is computed, and the search has not converged.
 
     No component moves by more than its `largest_step` at once. A step after which the same
-    Jacobian would ask for a longer correction than before is halved: P. Deuflhard's natural
+    Jacobian would need a longer correction than before is halved: P. Deuflhard's natural
     monotonicity test (Newton Methods for Nonlinear Problems, 2004), which does not depend on how
     the equations are scaled, so that no steep one among them holds the others up.
     """
 
-    def value_and_jacobian(x):
+    def value_and_jacobian(x: Array) -> Any:
         # Values and slopes in one pass: inside a loop `jax.linearize` would make it two.
         push = jax.vmap(lambda t: jax.jvp(residual, (x,), (t,)), out_axes=(None, -1))
         return push(jnp.eye(len(guess)))
 
-    def size(correction):
+    def size(correction: Array) -> Array:
         return jnp.sum((correction / largest_step) ** 2)
 
-    def body(state):
+    def body(state: tuple[Any, ...]) -> tuple[Any, ...]:
         x, step, matrix, length, kept, _, steps = state
         value, jacobian = value_and_jacobian(x + step)
         newton = -solve_dense(jacobian, value)
@@ -133,7 +133,7 @@ def system_root(
         step = jnp.where(better, newton, 0.5 * step)
         return x, step, matrix, length, kept, small, steps + 1
 
-    def unfinished(state):
+    def unfinished(state: tuple[Any, ...]) -> Bool[Array, ""]:
         _, step, _, _, _, done, steps = state
         going = ~done & (steps < max_steps) & jnp.all(jnp.isfinite(step))
         return going if wanted is None else going & wanted
@@ -162,7 +162,7 @@ def followed_root(
     Gives the load reached too; `steps` counts those of all searches.
     """
 
-    def body(state):
+    def body(state: tuple[Any, ...]) -> tuple[Any, ...]:
         last, load, step, steps, untried = state
         found = system_root(
             lambda x: residual(x, load + step), last.root, largest_step, max_steps=max_steps
@@ -177,7 +177,7 @@ def followed_root(
         last = last._replace(root=jnp.where(anew, origin, last.root))
         return last, load, jnp.where(anew, 1.0, step), steps, untried & ~anew
 
-    def unfinished(state):
+    def unfinished(state: tuple[Any, ...]) -> Bool[Array, ""]:
         _, load, step, *_ = state
         return (load < 1) & (step >= smallest_load)
 
@@ -194,7 +194,7 @@ def implicit_root(residual: Callable[[Array, Any], Array], args: Any, root: Arra
     `residual(root, args)` must vanish; its derivative at the root is the only thing used.
     """
 
-    def keep(_, start):
+    def keep(_: Any, start: Any) -> Any:
         return start
 
     return jax.lax.custom_root(
@@ -214,12 +214,14 @@ def implicit_solution(
 
 
 @eqx.filter_custom_jvp
-def _solution(args, root, *, function):
+def _solution(args: Any, root: Array, *, function: Callable) -> Any:
     return root, function(root, args)[1]
 
 
 @_solution.def_jvp
-def _solution_jvp(primals, tangents, *, function):
+def _solution_jvp(
+    primals: tuple[Any, ...], tangents: tuple[Any, ...], *, function: Callable
+) -> tuple[Any, Any]:
     (args, root), (moved, _) = primals, tangents
     # As it follows from the arguments, for those who differentiate this rule in turn.
     root, _ = _solution(args, root, function=function)
@@ -227,7 +229,7 @@ def _solution_jvp(primals, tangents, *, function):
     numbers, others = eqx.partition(args, moves)
     still = jax.tree.map(jnp.zeros_like, moved)
 
-    def at(root, numbers):
+    def at(root: Array, numbers: Any) -> Any:
         residual, rest = function(root, eqx.combine(numbers, others))
         rest, other_rest = eqx.partition(rest, eqx.is_inexact_array)
         return (residual, rest), other_rest

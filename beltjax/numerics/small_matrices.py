@@ -5,7 +5,7 @@ blocks trail, so that every operation is elementwise along the lanes. No call le
 one call a block is slow under `vmap`, and can hang XLA's thread pool on few cores.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -67,7 +67,9 @@ def _exchanged(a: Blocks) -> Blocks:
     m = a.shape[0]
     row = jnp.arange(m).reshape(m, *(1,) * (a.ndim - 2))
 
-    def exchange(k: Int[Array, ""], state: tuple[Array, Array, Array]):
+    def exchange(
+        k: Int[Array, ""], state: tuple[Array, Array, Array]
+    ) -> tuple[Array, Array, Array]:
         a, pivots, order = state
         used = order < m
         column = jax.lax.dynamic_index_in_dim(a, k, axis=1, keepdims=False)
@@ -91,7 +93,7 @@ def _exchanged(a: Blocks) -> Blocks:
 
 
 @inverse.defjvp
-def _inverse_jvp(primals, tangents):
+def _inverse_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
     (a,), (da,) = primals, tangents
     result = inverse(a)
     return result, -matmul(matmul(result, da), result)

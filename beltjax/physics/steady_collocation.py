@@ -21,7 +21,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from beltjax.numerics.bvp.chain import Links, carry_back, carry_forward, merge_links
+from beltjax.numerics.bvp.chain import ChainLinks as Links
+from beltjax.numerics.bvp.chain import carry_back, carry_forward, merge_links
 from beltjax.numerics.bvp.gauss import Gauss
 from beltjax.numerics.roots import implicit_root, system_root
 from beltjax.numerics.small_matrices import identity, inverse, matvec, mix

@@ -1,10 +1,12 @@
 """Chapter 2: waves, reflections and frequencies of one moving beam."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 import beltjax as bj
 from beltjax.physics.moving_beam_expansion import leading_wave_numbers
@@ -22,7 +24,7 @@ def tables() -> list[Line]:
     return [*_table_2_1(), *_table_2_2()]
 
 
-def exact_roots(eps: float, v: float, omega: float):
+def exact_roots(eps: float, v: float, omega: float) -> Any:
     """The four wave numbers of (2.4)."""
     numbers = (jnp.asarray(x, dtype=float) for x in (eps**2, 1 - v**2, v, 1.0, omega))
     return wave_numbers(*numbers)
@@ -117,8 +119,8 @@ def _figure_2_2() -> Plate:
 def _figure_2_3() -> Plate:
     eps, v = np.linspace(0.0, 0.12, 49), np.array(printed.FIGURE_2_3_SPEEDS)
 
-    def first(method):
-        def of(eps, v):
+    def first(method: Any) -> Any:
+        def of(eps: Array, v: Array) -> Array:
             return bj.moving_beam_modes(eps, v, count=1, method=method, throw=False).frequencies[0]
 
         return np.asarray(jax.jit(jax.vmap(jax.vmap(of, (0, None)), (None, 0)))(eps, v))

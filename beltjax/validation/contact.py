@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 import beltjax as bj
 from beltjax.analysis.contact import ContactState, asked, contact_solution
@@ -71,15 +72,15 @@ def _with(drive: bj.Drive, EI: Any) -> bj.Drive:
     return eqx.tree_at(lambda d: d.belt.bending_stiffness, drive, EI)
 
 
-def _regular(drive, point, stiff) -> ContactState:
-    def at(EI):
+def _regular(drive: bj.Drive, point: bj.OperatingPoint, stiff: Array) -> ContactState:
+    def at(EI: Array) -> ContactState:
         return contact_solution(_with(drive, EI), point, *asked("kong", False))
 
     return eqx.filter_vmap(at)(stiff)
 
 
-def _largest(drive, stiff, speeds) -> ContactState:
-    def at(EI, speed):
+def _largest(drive: bj.Drive, stiff: Array, speeds: Array) -> ContactState:
+    def at(EI: Array, speed: Array) -> ContactState:
         point = bj.OperatingPoint(belt_speed=speed, torque={"driven": 1.0})
         return contact_solution(_with(drive, EI), point, *asked("kong", True))
 

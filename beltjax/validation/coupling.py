@@ -44,7 +44,12 @@ def plates() -> Iterator[Plate]:
 
 
 def _curves(
-    number: str, over: str, key: str, x: np.ndarray, curves: dict[str, dict[str, Any]], limits
+    number: str,
+    over: str,
+    key: str,
+    x: np.ndarray,
+    curves: dict[str, dict[str, Any]],
+    limits: tuple[float, float],
 ) -> Plate:
     """Gamma by (3.92) and exactly, over one number."""
     figure, (axes,) = panels(1, 1, 7.2, 5.0)

@@ -23,7 +23,7 @@ TABLE = "verdicts"
 def write_everything(folder: Path, advance: Callable[[str], None]) -> list[Line]:
     """Write every figure with its data, every table and all verdicts; return the verdicts.
 
-    `advance(what)` is told what comes next. Raises `OSError` where a file cannot be written.
+    `advance(what)` is called with what comes next. Raises `OSError` where a file cannot be written.
     """
     lines: list[Line] = []
     for what, part in _parts():
@@ -46,7 +46,7 @@ def write_everything(folder: Path, advance: Callable[[str], None]) -> list[Line]
 
 
 def _parts() -> Iterator[tuple[str, Iterator[Plate | Line]]]:
-    """Tables and figures of one chapter after the other, as they are asked for."""
+    """Tables and figures of one chapter after the other, one at a time as they are taken."""
     yield "chapter 2", iter([*beam.tables(), *beam.plates()])
     yield "chapter 3, deflections", iter([*deflections.tables(), *deflections.plates()])
     yield "chapter 3, coupling", coupling.plates()

@@ -45,7 +45,9 @@ class Plate(NamedTuple):
         return {**pictures, f"{self.stem}.nc": bytes(data)}
 
 
-def panels(rows: int, columns: int, wide: float = 6.4, high: float = 4.2, **options: Any):
+def panels(
+    rows: int, columns: int, wide: float = 6.4, high: float = 4.2, **options: Any
+) -> tuple[Figure, Any]:
     """A figure of equal panels, and their axes in reading order."""
     with matplotlib.rc_context(STYLE):
         figure = Figure(figsize=(wide * columns, high * rows), layout="constrained")

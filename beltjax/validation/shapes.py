@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 import beltjax as bj
 from beltjax.compiling.quick import quickly_compiled
@@ -29,8 +30,8 @@ def _found(eps: Any, angle: Any) -> list[bj.Modes]:
     return [jax.tree.map(lambda x, k=k: x[k], batch) for k in range(len(eps))]
 
 
-def _modes(eps, angle) -> bj.Modes:
-    def at(eps, angle):
+def _modes(eps: Array, angle: Array) -> bj.Modes:
+    def at(eps: Array, angle: Array) -> bj.Modes:
         found = bj.steady_state(*prototype(eps, angle=angle), throw=False)
         lin = bj.linearize(found, throw=False)
         return bj.modes(lin, 12, route="hermitian", throw=False)
@@ -69,7 +70,7 @@ def _same(over_eps: Curves, start: int, eps: float, of: bj.Modes) -> int:
     return int(np.argmin(np.abs(np.asarray(of.dimensionless) - omega)))
 
 
-def _plate(number: str, chosen: list[tuple[bj.Modes, int, str]], angles, lines: list) -> Plate:
+def _plate(number: str, chosen: list[tuple[bj.Modes, int, str]], angles: Any, lines: list) -> Plate:
     figure, axes = panels(len(chosen), 1, 6.4, 2.6)
     x = np.linspace(0.0, 1.0, 101)
     shapes, omega = [], []

@@ -92,7 +92,7 @@ def with_one_held() -> tuple[Curves, Curves]:
 def _followed(shaped: np.ndarray, resisting: np.ndarray) -> Float[np.ndarray, "points modes"]:
     """Frequencies with the steady state of one eps and the resistance to bending of another."""
 
-    def run(places):
+    def run(places: np.ndarray) -> Any:
         pair = jnp.asarray(shaped[places]), jnp.asarray(resisting[places])
         return quickly_compiled(_held_modes)(*pair)
 
@@ -102,8 +102,8 @@ def _followed(shaped: np.ndarray, resisting: np.ndarray) -> Float[np.ndarray, "p
     return np.where(places >= 0, np.take_along_axis(omega, np.maximum(places, 0), 1), np.nan)
 
 
-def _held_modes(shaped, resisting):
-    def at(shaped, resisting):
+def _held_modes(shaped: Any, resisting: Any) -> Any:
+    def at(shaped: Any, resisting: Any) -> Any:
         found = bj.steady_state(*prototype(shaped), throw=False)
         lin = bj.linearize(found, fixed_bending=resisting, throw=False)
         of = bj.modes(lin, COUNT + 4, route="hermitian", throw=False)
@@ -146,7 +146,7 @@ def _opposite_trends(resisting: Curves, shaped: Curves) -> Iterator[Line]:
 
 
 def _spectrum(number: str, over: str, key: str, families: dict[str, Curves], top: float) -> Plate:
-    """Tracked frequencies; families of curves solid and dashed, one color a mode in each."""
+    """Tracked frequencies; families of curves solid and dashed, one color per mode in each."""
     figure, (axes,) = panels(1, 1, 7.2, 6.0)
     lines, variables, coordinates = [], {}, {}
     for place, ((name, of), style) in enumerate(zip(families.items(), ("-", "--"), strict=False)):

@@ -42,15 +42,15 @@ def sampled(method: Any = None, **numbers: Any) -> Sampled:
     }
     method = bj.Exact() if method is None else method
 
-    def run(places):
+    def run(places: np.ndarray) -> Sampled:
         rows = {name: jnp.asarray(value[places]) for name, value in full.items()}
         return quickly_compiled(_solutions)(method, rows)
 
     return in_chunks(run, np.arange(count), _CHUNK, lambda done, total: None)
 
 
-def _solutions(method, rows: dict[str, Array]) -> Sampled:
-    def at(row):
+def _solutions(method: Any, rows: dict[str, Array]) -> Sampled:
+    def at(row: dict[str, Array]) -> Sampled:
         steady = bj.steady_state(*prototype(**row), method, throw=False)
         good = steady.result == bj.RESULTS.successful
         w = jnp.stack([steady.deflection(i, jnp.asarray(X)) for i in range(3)])
@@ -68,7 +68,7 @@ def loaded_tensions(torques: np.ndarray) -> Float[np.ndarray, "points spans"]:
     drive = eqx.tree_at(lambda d: d.installation, drive, rule)
     ratio = printed.RADII[2] / printed.RADII[0]
 
-    def tensions(torque):
+    def tensions(torque: Array) -> Array:
         point = bj.OperatingPoint(belt_speed=0.0, torque={"accessory": ratio * torque})
         return bj.reference_state(drive, point).tensions / printed.TENSION
 

@@ -34,7 +34,7 @@ Columns = dict[str, np.ndarray]  # [designs, ...] each: the designs' numbers and
 
 
 class Question(eqx.Module):
-    """What is asked of each design: its quantities and its lowest natural frequencies.
+    """The quantities and the lowest natural frequencies to be found of each design.
 
     Raises `ValueError` for numbers and quantities that the drive does not have, and for more
     modes than the basis has room for.
@@ -66,7 +66,7 @@ class Question(eqx.Module):
         return DriveAnalyses(drive, point, steady_state(drive, point, throw=False))
 
     def parts(self) -> dict[str, int | None]:
-        """How many numbers each quantity is; None for a plain number."""
+        """Count the numbers of each quantity; None stands for a plain number."""
         if not any(definition_of(name).many for name in self.quantities):
             return dict.fromkeys(self.quantities)
         blank = jnp.zeros((1, len(self.names)))
@@ -77,13 +77,13 @@ class Question(eqx.Module):
 
 
 def library_versions() -> dict[str, str]:
-    """What computes the answers: other versions may differ in the last digits."""
+    """The versions of the libraries that compute: others may differ in the last digits."""
     libraries = ("beltjax", "jax", "jaxlib", "scipy")
     return {name: importlib.metadata.version(name) for name in libraries}
 
 
 def answers(question: Question, values: np.ndarray, *, quick: bool) -> dict[str, Array]:
-    """What is found of designs [designs, numbers], on all local devices.
+    """Quantities and frequencies of designs [designs, numbers], on all local devices.
 
     By the names of the quantities, "frequency" [designs, modes] in rad/s, and "result", whose
     codes are those of `beltjax.results.outcomes`. A quantity of a failed design is nan.
@@ -148,7 +148,7 @@ def _sharded(devices: int) -> Any:
     def run(question: Question, values: Float[Array, "designs numbers"]) -> dict[str, Array]:
         arrays, rest = eqx.partition(question, eqx.is_array)
 
-        def share(arrays, values):
+        def share(arrays: Any, values: Array) -> dict[str, Array]:
             return _answers(eqx.combine(arrays, rest), values)
 
         # Each device runs its own loops to their own ends: nothing is exchanged.

@@ -3,7 +3,6 @@
 import concurrent.futures
 import contextlib
 import functools
-import importlib
 import logging
 import os
 import pickle
@@ -20,10 +19,10 @@ _IN_FLIGHT = 2  # batches a worker holds, so that none waits for the next
 _KEPT = "what is written is intact: repeat the command to go on"
 _PATIENCE = 20.0  # [s] for a scheduler to answer
 _ALONE = 60.0  # [s] without a worker, beyond which none is expected to come
-_POLL = 0.01  # [s] between looks at what is ready
-_LOOK = 1.0  # [s] between looks at whether there are workers
+_POLL = 0.01  # [s] between checks of what is ready
+_CHECK = 1.0  # [s] between checks of whether there are workers
 # A batch may be done and its worker dead before it is fetched. Dask tries to reach such a worker
-# for 30 s, batch after batch: several of them looked like a standstill.
+# for 30 s, batch after batch: several of them were like a standstill.
 _CONNECT = {"distributed.comm.timeouts.connect": "10s"}
 _TALKATIVE = ("asyncio", "distributed", "tornado")
 _WORKERS_PER_PROCESSOR = 4  # more than one only wait for each other, and take memory
@@ -40,14 +39,14 @@ def cluster(workers: int | None, scheduler: str | None) -> Iterator[Any]:
     if workers is not None and not 1 <= workers <= most:
         raise ValueError(f"workers: found {workers}; give 1 to {most} on this machine.")
     try:
-        distributed = importlib.import_module("distributed")
+        import distributed
     except ImportError as error:
         message = "distributed is not installed: pip install 'beltjax[cluster]'"
         raise ValueError(message) from error
     with _quiet():
         if scheduler is None:
             with (
-                _local_cluster(distributed, workers) as processes,
+                _local_cluster(workers) as processes,
                 distributed.Client(processes) as client,
             ):
                 yield client
@@ -62,11 +61,13 @@ def cluster(workers: int | None, scheduler: str | None) -> Iterator[Any]:
 
 
 @contextlib.contextmanager
-def _local_cluster(distributed: Any, workers: int | None) -> Iterator[Any]:
-    settings = importlib.import_module("dask").config.set(_CONNECT)
-    with settings:
+def _local_cluster(workers: int | None) -> Iterator[Any]:
+    from dask.config import set as configured
+    from distributed import LocalCluster
+
+    with configured(_CONNECT):
         try:
-            processes = distributed.LocalCluster(
+            processes = LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
                 processes=True,
@@ -107,7 +108,8 @@ def on_cluster(
 
     Raises `ValueError` where the cluster is lost or has other versions of the libraries.
     """
-    distributed = importlib.import_module("distributed")
+    import distributed
+
     # As bytes: unpacked before double precision is set, its numbers would lose half their digits.
     packed, versions = pickle.dumps(question), library_versions()
     waiting = iter(batches)
@@ -139,7 +141,7 @@ def _ready(client: Any, under_way: Any) -> Iterator[list[Any]]:
 
     Raises `ValueError` where there is no worker, and none comes.
     """
-    looked = served = time.monotonic()
+    checked = served = time.monotonic()
     while not under_way.is_empty():
         futures = under_way.next_batch(block=False)
         now = time.monotonic()
@@ -147,8 +149,8 @@ def _ready(client: Any, under_way: Any) -> Iterator[list[Any]]:
             served = now
             yield futures
             continue
-        if now - looked > _LOOK:
-            looked = now
+        if now - checked > _CHECK:
+            checked = now
             if client.nthreads():
                 served = now
             elif now - served > _ALONE:

@@ -57,23 +57,23 @@ def explore(
     the names that studies use. The store is written batch by batch, `batch` designs at a time.
     Called again with the same arguments it goes on where it was stopped, whenever and however
     that was, to the same bits; a store of other arguments is refused. What was damaged since is
-    computed anew, which a `DamageWarning` tells.
+    computed anew, with a `DamageWarning`.
 
     Runs in this process, on all its devices; on `workers` processes of this machine, or on the
-    Dask cluster whose `scheduler` has that address. `advance(stage, done, total)` is told of every
-    batch. Returns the store, opened: variables along "design", SI units in the attributes. A
-    failed design has its code in `result` and nan for what could not be found. Pulleys that
-    overlap are no failure: ask for "clearance".
+    Dask cluster whose `scheduler` has that address. `advance(stage, done, total)` is called after
+    every batch. Returns the store, opened: variables along "design", SI units in the attributes.
+    A failed design has its code in `result` and nan for what could not be found. Pulleys that
+    overlap are no failure: include "clearance".
 
-    Raises `ValueError` for what cannot be asked and, as `FileError`, for a store that cannot be
-    used or written.
+    Raises `ValueError` for arguments that cannot be used and, as `FileError`, for a store that
+    cannot be used or written.
     """
     question = Question(drive, point, designs.names, tuple(quantities), modes, basis)
     if modes and not has_inertias(drive):
         raise ValueError("modes: need the inertia of every pulley and of the arm")
     size = _batch_size(batch, modes, designs.total)
     record, columns = _record(question, designs, size), _columns(question)
-    tell = advance or (lambda stage, done, total: None)
+    progress = advance or (lambda stage, done, total: None)
     # Chosen by the whole, not by what is left: resuming must give the same bits.
     quick = designs.total <= FEW
     with (
@@ -83,13 +83,13 @@ def explore(
         if kept.damage:
             warnings.warn(f"{store} {kept.damage}", DamageWarning, stacklevel=2)
         pending = kept.pending()
-        tell("compiling", kept.designs_done, designs.total)
+        progress("compiling", kept.designs_done, designs.total)
         points = designs.walk(map(kept.span, pending))
         batches = zip(pending, points, strict=True)
         answered = in_batches if client is None else functools.partial(on_cluster, client)
         for number, found in answered(question, batches, size, quick=quick):
             kept.write(number, found)
-            tell("exploring", kept.designs_done, designs.total)
+            progress("exploring", kept.designs_done, designs.total)
     return dataset(Path(store))
 
 

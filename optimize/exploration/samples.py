@@ -1,4 +1,4 @@
-"""Which designs to model_at at: every combination of given values, or a quasi-random sample."""
+"""The designs of an exploration: every combination of values, or a quasi-random sample."""
 
 import dataclasses
 import math
@@ -55,7 +55,7 @@ class Grid:
         return math.prod(self.shape)
 
     def record(self) -> dict[str, Any]:
-        """What the designs are, as plain data."""
+        """The designs described by plain data."""
         return {"grid": {name: axis.tolist() for name, axis in self.values.items()}}
 
     def walk(self, spans: Iterable[Span]) -> Iterator[Float[np.ndarray, "designs numbers"]]:
@@ -99,7 +99,7 @@ class Samples:
         return self.count
 
     def record(self) -> dict[str, Any]:
-        """What the designs are, as plain data."""
+        """The designs described by plain data."""
         ranges = {name: [float(end) for end in ends] for name, ends in self.ranges.items()}
         return {"sobol": ranges, "samples": int(self.count), "seed": int(self.seed)}
 

@@ -6,13 +6,13 @@ what is not marked is done again. The mark is a checksum: what was damaged since
 """
 
 import contextlib
-import importlib
 import json
 import os
 import shutil
 import warnings
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -59,7 +59,7 @@ class Column(NamedTuple):
 class Store:
     """The answers to `total` designs in batches of `size`, at a path.
 
-    `record` says in plain data what was asked; a store that holds another one is refused.
+    `record` says in plain data which exploration it is; a store that holds another one is refused.
     What an earlier writer left is checked; `damage` says in words what of it was damaged and is
     to be done again, and is empty where nothing was.
     Raises `FileError` for that, for a path that holds something else, lies in no folder or is
@@ -75,7 +75,7 @@ class Store:
         size: int,
     ):
         self.path, self.total, self.size = Path(path), total, size
-        self._zarr = _library("zarr", "explore")
+        self._zarr = _zarr_library()
         record = json.loads(json.dumps(record))
         if not self.path.exists():
             if not self.path.absolute().parent.is_dir():
@@ -165,7 +165,17 @@ class Store:
             axes, shape = (*axes, part), (*shape, column.parts)
         self._array(group, array_name(column.name), "float64", np.nan, axes, shape, notes)
 
-    def _array(self, group, name, kind, blank, axes, shape, notes, chunks=None) -> None:
+    def _array(
+        self,
+        group: Any,
+        name: str,
+        kind: str,
+        blank: float,
+        axes: tuple[str, ...],
+        shape: tuple[int, ...],
+        notes: Mapping[str, Any],
+        chunks: tuple[int, ...] | None = None,
+    ) -> None:
         group.create_array(
             name,
             shape=shape,
@@ -186,13 +196,13 @@ class Store:
             raise FileError(self.path, "", message) from error
 
     def _require_same(self, record: Mapping[str, Any]) -> bool:
-        """Whether the metadata are damaged of what is, by all that is left, this exploration."""
+        """Return whether the metadata of this exploration are damaged; refuse another one."""
         root = sealed_root(self.path)
         if root is not None:
             differs = _difference(attributes(root)[RECORD], record)
             if differs:
                 key, before, now = differs
-                message = f"was begun with {before} and is now asked for {now}"
+                message = f"was begun with {before} and is now to have {now}"
                 remedy = "repeat the command that began it, or give another path"
                 raise FileError(self.path, key, f"{message}; {remedy}")
             return bool(damaged_metadata(self.path, root))
@@ -205,7 +215,7 @@ class Store:
         raise FileError(self.path, "", f"{_unknown(self.path)}; give another path")
 
     def _mend(self, record: Mapping[str, Any], columns: list[Column], damaged: bool) -> bool:
-        """Write damaged metadata anew; they follow from what is asked."""
+        """Write damaged metadata anew; they follow from the record."""
         if damaged:
             with self._skeleton(record, columns) as new:
                 for document in new.rglob(METADATA):
@@ -247,7 +257,7 @@ class Store:
 
 
 def open_exploration(path: str | os.PathLike[str]) -> "xarray.Dataset":
-    """A store of `explore` as a dataset that reads what is looked at, numbers as coordinates.
+    """A store of `explore` as a dataset that reads on demand, with the numbers as coordinates.
 
     Every file of it is checked first, which reads all of them once. Raises `FileError` for a path
     that holds no exploration and for one that is damaged, with what of it is intact.
@@ -269,7 +279,10 @@ def open_exploration(path: str | os.PathLike[str]) -> "xarray.Dataset":
 
 def dataset(folder: Path) -> "xarray.Dataset":
     """A store as `open_exploration` gives it, without its checks."""
-    found = _library("xarray", "explore").open_zarr(folder, chunks=None)
+    import xarray
+
+    _zarr_library()  # which xarray needs for it
+    found = xarray.open_zarr(folder, chunks=None)
     design = found.attrs[RECORD]["designs"]
     names = design.get("grid") or design["sobol"]
     return found.set_coords([array_name(name) for name in names])
@@ -291,7 +304,7 @@ def _checked_root(folder: Path) -> dict[str, Any]:
 def _unsound(folder: Path, root: dict[str, Any]) -> tuple[list[int], int, int]:
     """The batches that differ from their marks, how many are intact, and how many there are."""
     batches = Batches(folder, root)
-    done = _library("zarr", "explore").open_group(folder, mode="r", use_consolidated=True)[DONE]
+    done = _zarr_library().open_group(folder, mode="r", use_consolidated=True)[DONE]
     marks, unread = read_marks(done)
     unsound = batches.damaged(marks, unread)
     intact = int(np.count_nonzero(marks)) + len(unread) - len(unsound)
@@ -302,7 +315,7 @@ def _unsound(folder: Path, root: dict[str, Any]) -> tuple[list[int], int, int]:
 
 
 def _unknown(folder: Path) -> str:
-    """What a path holds whose metadata are not those of an exploration."""
+    """In words, what a path holds whose metadata are not those of an exploration."""
     if RECORD in attributes(read_document(folder / METADATA)):
         return "has no valid checksum: it is of an earlier version of beltjax, or damaged"
     return "is there already and is no exploration"
@@ -311,12 +324,12 @@ def _unknown(folder: Path) -> str:
 def _hold(folder: Path, kind: str) -> int | None:
     """A lock on a folder, by its descriptor; raises `BlockingIOError` where another is held."""
     try:
-        locks = importlib.import_module("fcntl")
+        import fcntl
     except ImportError:  # a system without such locks
         return None
     hold = os.open(folder, os.O_RDONLY)
     try:
-        locks.flock(hold, getattr(locks, kind) | locks.LOCK_NB)
+        fcntl.flock(hold, getattr(fcntl, kind) | fcntl.LOCK_NB)
     except BlockingIOError:
         os.close(hold)
         raise
@@ -340,11 +353,13 @@ def array_name(name: str) -> str:
     return name.replace("%", "%25").replace("/", "%2F")
 
 
-def _library(name: str, extra: str) -> Any:
+def _zarr_library() -> ModuleType:
+    """Zarr, an extra."""
     try:
-        return importlib.import_module(name)
+        import zarr
     except ImportError as error:
-        raise ValueError(f"{name} is not installed: pip install 'beltjax[{extra}]'") from error
+        raise ValueError("zarr is not installed: pip install 'beltjax[explore]'") from error
+    return zarr
 
 
 def _difference(before: Any, now: Any, key: str = "") -> tuple[str, str, str] | None:

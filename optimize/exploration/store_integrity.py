@@ -1,4 +1,4 @@
-"""What of a store is intact: its metadata by a checksum of their own, its batches by their marks.
+"""The integrity of a store: a checksum guards its metadata, marks guard its batches.
 
 A batch's mark is a hash over the files that hold it, so that a file that is missing, cut off,
 changed or of another batch or store is found. The chunks carry a CRC-32C besides, which any
@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import UInt64
 
 DONE = "done"
-RECORD = "exploration"  # attribute of the store: what was asked
+RECORD = "exploration"  # attribute of the store: which exploration it is
 QUESTION = "question"  # attribute of the array "done": hash of the record
 METADATA = "zarr.json"
 _CHECKSUM = "checksum"  # attribute of the store: hash of its metadata, this left blank
@@ -93,11 +93,11 @@ class Batches:
         ]
 
     def files(self, batch: int) -> list[Path]:
-        """Where the chunks of a batch are, whether they are there or not."""
+        """List the paths of a batch's chunks, whether they exist or not."""
         return [self._store.joinpath(n, "c", str(batch), *rest) for n, rest in self._chunks]
 
     def has_data(self, batch: int) -> bool:
-        """Whether any chunk of a batch is there."""
+        """Return whether any chunk of a batch exists."""
         return any(path.exists() for path in self.files(batch))
 
     def mark(self, batch: int) -> int:

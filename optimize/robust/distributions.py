@@ -1,9 +1,8 @@
-"""What scattered numbers make of a function: samples, moments, sensitivity indices.
+"""Scattered numbers and the functions that they scatter: samples, moments, indices.
 
 Knows no drives. A function takes the numbers [numbers] and returns a number or an array of them.
 """
 
-import importlib
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
@@ -150,12 +149,17 @@ def sobol_indices(
 ) -> list[Indices]:
     """First-order and total indices (Saltelli's estimators, by SALib) of every output.
 
-    `evaluate` takes [points, numbers] and returns [points, outputs]; it is asked for
+    `evaluate` takes [points, numbers] and returns [points, outputs]; it gets
     `count` (numbers + 2) points, `count` best a power of two. Raises `ValueError` where SALib is
     missing or an output is not finite, for more than 2^24 points and for a seed below 0.
     """
     require_sample("count", count * (len(tolerances) + 2), len(tolerances), seed)
-    sampler, analyzer = (_salib(part) for part in ("sample.sobol", "analyze.sobol"))
+    try:
+        import SALib.analyze.sobol as analyzer
+        import SALib.sample.sobol as sampler
+    except ImportError as error:
+        message = "SALib is not installed: pip install 'beltjax[robust]'"
+        raise ValueError(message) from error
     names = list(tolerances)
     problem = {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names)}
     with warnings.catch_warnings():  # about pandas and powers of two
@@ -174,11 +178,3 @@ def _indices(analyzer: Any, problem: dict[str, Any], values: np.ndarray, seed: i
         return Indices(*np.zeros((4, problem["num_vars"])))
     found = analyzer.analyze(problem, values, calc_second_order=False, seed=seed)
     return Indices(*(np.asarray(found[key]) for key in ("S1", "ST", "S1_conf", "ST_conf")))
-
-
-def _salib(part: str) -> Any:
-    try:
-        return importlib.import_module(f"SALib.{part}")
-    except ImportError as error:
-        message = "SALib is not installed: pip install 'beltjax[robust]'"
-        raise ValueError(message) from error

@@ -1,4 +1,4 @@
-"""How tolerances scatter what a drive does, and objectives that count it."""
+"""Quantities under tolerances: their scatter, and objectives that count it."""
 
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
@@ -32,7 +32,7 @@ Tolerances = Mapping[str, Tolerance]
 
 
 class Spread(NamedTuple):
-    """How one quantity scatters, SI; of a quantity of many parts, the least part."""
+    """The scatter of one quantity, SI; a quantity of many parts counts as its least part."""
 
     unit: str
     nominal: float
@@ -45,7 +45,7 @@ class Spread(NamedTuple):
 
 
 class Robustness(NamedTuple):
-    """How a drive's quantities scatter under tolerances."""
+    """The scatter of a drive's quantities under tolerances."""
 
     spreads: dict[str, Spread]
     quantile: float
@@ -54,7 +54,7 @@ class Robustness(NamedTuple):
 
 
 class RobustValue(NamedTuple):
-    """What a robust objective is made of; `value` is what to minimize."""
+    """A robust objective and its parts; `value` is what to minimize."""
 
     value: Float[Array, ""]
     mean: Float[Array, ""]
@@ -157,7 +157,9 @@ def robust_value(
     return RobustValue(value, mean, deviation, _NONE, 1 - runs)
 
 
-def _sampled_value(question: Question, kinds, measure, points: np.ndarray) -> RobustValue:
+def _sampled_value(
+    question: Question, kinds: tuple[Tolerance, ...], measure: Measure, points: np.ndarray
+) -> RobustValue:
     numbers = _nominal(question) + scattered(kinds, jnp.asarray(points))
     values, runs = jax.vmap(lambda one: _measured(question, one))(numbers).T
     # A drive that does not run counts as the mean of the others.
@@ -173,7 +175,9 @@ def _sampled_value(question: Question, kinds, measure, points: np.ndarray) -> Ro
     return RobustValue(value, mean, deviation, own, 1 - jnp.mean(runs))
 
 
-def _question(drive, point, quantities: Sequence[str], tolerances: Tolerances) -> Question:
+def _question(
+    drive: Drive, point: OperatingPoint, quantities: Sequence[str], tolerances: Tolerances
+) -> Question:
     if not tolerances:
         raise ValueError("tolerances: give at least one number its tolerance.")
     return Question(drive, point, tuple(tolerances), tuple(quantities))

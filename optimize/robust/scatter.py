@@ -1,10 +1,10 @@
-"""What counts of a scattered quantity: its mean and some deviations, or a quantile.
+"""Measures of a scattered quantity: its mean and some deviations, or a quantile.
 
 Knows no drives. Limits and objectives see the unfavorable side of what tolerances make of a value.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -28,11 +28,11 @@ class MeanPlus(eqx.Module):
 
     @property
     def opposite(self) -> "MeanPlus":
-        """The same on the other side of the mean."""
+        """The measure on the other side of the mean."""
         return MeanPlus(-self.factor)
 
     def of_sample(self, values: Float[Array, " points"]) -> Float[Array, ""]:
-        """Of a sample, with derivatives."""
+        """The mean and the deviations of a sample, with derivatives."""
         mean = jnp.mean(values)
         deviation = norm(values - mean) / np.sqrt(max(len(values) - 1, 1))
         return mean + self.factor * deviation
@@ -58,7 +58,7 @@ class WorstQuantile(eqx.Module):
         return WorstQuantile(1 - self.quantile, self.sharpness)
 
     def of_sample(self, values: Float[Array, " points"]) -> Float[Array, ""]:
-        """Of a sample, with derivatives."""
+        """The smoothed quantile of a sample, with derivatives."""
         return smooth_quantile(values, self.quantile, self.sharpness)
 
 
@@ -70,7 +70,7 @@ class Extremes(NamedTuple):
 
     least: PyTree  # what counts against a lower limit
     greatest: PyTree  # against an upper limit, and of what is minimized
-    runs: Bool[Array, ""]  # whether the function has an answer at all points
+    runs: Bool[Array, ""]  # whether the function is valid at all points
 
 
 class Scatter(eqx.Module):
@@ -101,11 +101,11 @@ class Scatter(eqx.Module):
         function: Callable[[Array], tuple[PyTree, Bool[Array, ""]]],
         nominal: Float[Array, " numbers"],
     ) -> Extremes:
-        """Of a function of the numbers that returns values and whether they are an answer."""
+        """The extremes of a function that returns values and whether they are valid."""
         shapes, _ = eqx.filter_eval_shape(function, nominal)
         _, unravel = ravel_pytree(jax.tree.map(lambda s: jnp.zeros(s.shape), shapes))
 
-        def flat(numbers):
+        def flat(numbers: Array) -> Array:
             values, runs = function(numbers)
             return jnp.append(ravel_pytree(values)[0], runs.astype(float))
 
@@ -138,13 +138,13 @@ def smooth_quantile(
     size = jnp.maximum(deviation, 1e-12 * jnp.max(jnp.abs(values)))
     width = jnp.where(size > 0, size, 1.0) / sharpness
 
-    def excess(at, values, width):
+    def excess(at: Array, values: Array, width: Array) -> Array:
         return jnp.mean(jax.nn.sigmoid((at - values) / width)) - quantile
 
     fixed, fixed_width = jax.lax.stop_gradient((values, width))
     reach = 50 * fixed_width  # where the logistic function has long ended
 
-    def halve(_, ends):
+    def halve(_: Any, ends: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = ends
         middle = (low + high) / 2
         above = excess(middle, fixed, fixed_width) > 0

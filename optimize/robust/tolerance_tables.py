@@ -36,7 +36,7 @@ class RobustTable(Table):
 def read_scatter(
     tables: list[ToleranceTable], robust: RobustTable | None, drive: Drive, path: object
 ) -> Scatter | None:
-    """What a study's tolerances do; None where there are none.
+    """The scatter that a study's tolerances cause; None where there are none.
 
     Raises `FileError` for numbers that are not the drive's, and for sizes that say too little or
     too much.
@@ -67,7 +67,7 @@ def _tolerance(table: ToleranceTable, drive: Drive, path: object, key: str) -> T
 
 
 def _measure(robust: RobustTable, path: object) -> tuple[Measure, int]:
-    """What counts, and the size of the sample it is taken of; 0: by slopes."""
+    """The measure, and the size of the sample that it is taken of; 0 stands for slopes."""
     if robust.quantile is None:
         factor = 3.0 if robust.factor is None else float(robust.factor)
         return MeanPlus(factor), robust.samples or 0

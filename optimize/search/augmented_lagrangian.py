@@ -91,7 +91,7 @@ def outer_step(
     not change.
     """
 
-    def lagrangian(z, args):
+    def lagrangian(z: Vector, args: tuple[Array, Array]) -> tuple[Array, Evaluation]:
         multipliers, penalty = args
         at = evaluate(to_unit(z))
         shifted = jnp.maximum(0.0, multipliers + penalty * at.constraints)

@@ -87,7 +87,7 @@ def batch_step(study: Study, scales: ProblemScales, states: Iterate) -> Iterate:
 
 
 def result_of(states: Iterate) -> SearchResult:
-    """Where the starts ended, without the way there."""
+    """Read off where the starts ended, without the way there."""
     host = jax.device_get(states)
     points = np.asarray(to_unit(host.z))
     objective = np.where(host.inner_steps > 0, host.objective, np.nan)  # nan: never begun

@@ -16,7 +16,7 @@ _LOST = 1e3  # objective and violation of a design that cannot be evaluated
 
 
 class Ending(NamedTuple):
-    """Where an optimizer stopped, and why."""
+    """The design at which an optimizer stopped, and why it did."""
 
     x: Vector
     converged: bool

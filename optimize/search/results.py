@@ -1,4 +1,4 @@
-"""What a search works with, and what it comes to."""
+"""The tools of a search, and its results."""
 
 import functools
 import time
@@ -27,7 +27,7 @@ class History(NamedTuple):
 
 
 class StartOutcome(NamedTuple):
-    """Where one start ended, in the unit box; objective and violation are scaled."""
+    """The end of one start, in the unit box; objective and violation are scaled."""
 
     x: np.ndarray
     objective: float
@@ -37,12 +37,12 @@ class StartOutcome(NamedTuple):
 
     @property
     def feasible(self) -> bool:
-        """Whether the design runs and meets every limit."""
+        """Return whether the design runs and meets every limit."""
         return self.valid and self.violation <= FEASIBLE
 
     @property
     def ending(self) -> str:
-        """How the start ended, in words."""
+        """Say how the start ended."""
         if np.isnan(self.objective):
             return "out of time"
         if not self.valid:
@@ -53,7 +53,7 @@ class StartOutcome(NamedTuple):
 
 
 class SearchResult(NamedTuple):
-    """Where all starts ended, and how they got there."""
+    """The ends of all starts, and the way there."""
 
     outcomes: list[StartOutcome]
     history: History
@@ -61,7 +61,7 @@ class SearchResult(NamedTuple):
 
 
 class SearchTools(NamedTuple):
-    """What an optimizer is given beside the study and its starts."""
+    """The tools that an optimizer is given beside the study and its starts."""
 
     model_at: ModelAt  # the problem's values and exact derivatives at a design
     advance: Advance  # to be called as the work proceeds
@@ -70,7 +70,7 @@ class SearchTools(NamedTuple):
 
     @property
     def in_time(self) -> bool:
-        """Whether there is time left."""
+        """Return whether there is time left."""
         return is_before(self.deadline)
 
     def saved(self, study: Study, begin: Starts) -> dict[str, np.ndarray] | None:
@@ -79,12 +79,12 @@ class SearchTools(NamedTuple):
 
 
 def is_before(deadline: float | None) -> bool:
-    """Whether a `deadline` of time.monotonic() is still to come; None never comes."""
+    """Return whether a `deadline` of time.monotonic() is still to come; None never comes."""
     return deadline is None or time.monotonic() < deadline
 
 
 def deadline_of(study: Study) -> float | None:
-    """When a study's time, which begins now, is over."""
+    """Return when a study's time, which begins now, is over."""
     return None if study.time_limit is None else time.monotonic() + study.time_limit
 
 

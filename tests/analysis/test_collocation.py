@@ -116,9 +116,9 @@ def test_too_few_intervals_for_the_layers_are_reported_and_not_returned():
 
 def locked():
     given, _ = drive("three_pulley")
-    pulleys = tuple(eqx.tree_at(lambda p: p.on_arm, p, jnp.zeros(())) for p in given.pulleys)
+    pulleys = tuple(eqx.tree_at(lambda p: p.on, p, jnp.zeros(0)) for p in given.pulleys)
     belt = dataclasses.replace(given.belt, axial_stiffness=600.0)
-    return dataclasses.replace(given, pulleys=pulleys, belt=belt, tensioner=None)
+    return dataclasses.replace(given, pulleys=pulleys, belts=(belt,), tensioners=())
 
 
 def test_slack_lane_leaves_its_neighbors_alone():

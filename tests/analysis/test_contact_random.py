@@ -70,15 +70,15 @@ def shapes(unknown, model):
 
 def unmet(model, held, level, turn):
     """Belt too long, and moment left on the arm, where level and arm are held."""
-    zero = jnp.zeros(())
+    zero, q = jnp.zeros(()), jnp.broadcast_to(turn, (len(model.K),))
     unknown = contact.Unknown(
-        jnp.ones_like(model.rho), level, turn, zero, jnp.zeros((len(model.rho), 2))
+        jnp.ones_like(model.rho), level, q, zero, jnp.zeros((len(model.rho), 2))
     )
     unknown = unknown._replace(shape=shapes(unknown, model))
     first = contact.joined(unknown, model)
     loop = contact.joined(unknown._replace(w=first.wrap), model)
-    spring = model.k_r * (held.wind_up + turn)
-    return contact_search._length(loop) / held.L0 - 1, loop.moment - spring
+    left = loop.push + held.relaxed - model.K @ q
+    return contact_search._length(loop) / held.L0 - 1, jnp.sum(left)
 
 
 @jax.jit

@@ -22,10 +22,10 @@ def test_the_arm_s_own_curvature_and_the_stretching_arcs(name):
     drive, point = example(name)
     rest = bj.reference_state(drive, point)
     at, arm = rest.layout, drive.tensioner
-    turned = rest.arm_angle - jnp.arctan2(drive.arm[1], drive.arm[0])
-    slope = np.asarray(at.arm_normal * at.arm_length / at.span_lengths)  # a_i
+    turned = rest.coordinates[0]
+    slope = np.asarray(at.span_turns[:, 0] / at.span_lengths)  # a_i
     turning = np.asarray(at.span_lengths) * slope**2
-    curvature = -np.asarray(drive.sense * at.arm_length * at.arm_normal)  # H_i
+    curvature = np.asarray(at.curvatures[:, 0, 0])  # H_i
     step = 1e-3
     paths = [float(bj.layout(drive, turned + k * step).path_length) for k in (-1, 0, 1)]
     whole = (paths[0] - 2 * paths[1] + paths[2]) / step**2
@@ -36,7 +36,7 @@ def test_the_arm_s_own_curvature_and_the_stretching_arcs(name):
     assert tensions @ turning == pytest.approx(kept, abs=5e-3)
     assert tensions @ curvature == pytest.approx(left_out, abs=5e-3)
 
-    take_up = float(at.arm_length * jnp.sum(at.arm_tangent)) ** 2  # (r_t D)^2
+    take_up = float(jnp.sum(at.span_pulls)) ** 2  # (r_t D)^2
     bare = float(arm.stiffness) + tensions @ turning
     spans, path = float(jnp.sum(at.span_lengths)), float(at.path_length)
     cases = (bare, spans), (bare + tensions @ curvature, spans), (bare + tensions @ curvature, path)

@@ -68,7 +68,7 @@ def test_deflection_meets_the_pulleys(method):
     moved = (
         float(at.arm_length)
         * th
-        * np.cos(np.asarray(at.alignment))
+        * np.cos(np.asarray(bj.alignment_angles(drive, at)[0]))
         / np.asarray(at.span_lengths)[:2]
     )
     ends = [[float(w) for w in steady.deflection(i, jnp.array([0.0, 1.0]))] for i in range(3)]

@@ -153,7 +153,7 @@ def test_shapes_satisfy_the_equations_and_are_orthogonal():
     # 1 joule: a quarter of the Hermitian form, in P0 r_t.
     joule = float(lin.scales.tension * lin.model.rho * lin.scales.length)
     np.testing.assert_allclose(energy / 4 * joule, np.eye(6), atol=1e-9)
-    shares = found.span_shares.sum(1) + found.pulley_shares.sum(1) + found.arm_shares
+    shares = found.span_shares.sum(1) + found.rotor_shares.sum(1) + found.tensioner_shares
     np.testing.assert_allclose(shares, 1.0, rtol=1e-12)
 
 
@@ -244,8 +244,8 @@ def test_a_free_drive_leaves_its_rotation_out():
 
 def test_locked_centers_have_no_arm():
     drive, point = example("three_pulley")
-    pulleys = tuple(eqx.tree_at(lambda p: p.on_arm, p, jnp.asarray(0.0)) for p in drive.pulleys)
-    locked = dataclasses.replace(drive, pulleys=pulleys, tensioner=None)
+    pulleys = tuple(eqx.tree_at(lambda p: p.on, p, jnp.zeros(0)) for p in drive.pulleys)
+    locked = dataclasses.replace(drive, pulleys=pulleys, tensioners=())
     lin = bj.linearize(bj.steady_state(locked, point), bj.Legendre(10))
     assert len(lin.mass) == 3 * 10 + 2
     stiff = eqx.tree_at(lambda d: d.tensioner.stiffness, drive, jnp.asarray(1e12))

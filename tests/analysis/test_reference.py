@@ -105,14 +105,19 @@ def test_slack_span_is_named():
     assert bj.steady_state(drive, heavy, throw=False).result == bj.RESULTS.span_slack
 
 
-def test_arm_at_its_stop():
-    drive, point = example("three_pulley")
-    angle = float(bj.layout(drive).arm_angle)
-    arm = eqx.tree_at(
-        lambda t: t.stops,
-        drive.tensioner,
-        jnp.array([angle + 0.1, angle + 1.0]),
-        is_leaf=lambda x: x is None,
-    )
-    stopped = eqx.tree_at(lambda d: d.tensioner, drive, arm)
-    assert bj.reference_state(stopped, point, throw=False).result == bj.RESULTS.arm_at_stop
+def test_an_arm_comes_to_rest_at_its_stop():
+    """Beyond it the belt would turn it: the stop carries what is left of the balance."""
+    drive, point = example("seven_pulley")
+    free = bj.reference_state(drive, point)
+    turn = float(free.coordinates[0])
+    assert turn > 0.02
+    place = turn - 0.01
+    stopped = eqx.tree_at(lambda d: d.tensioner.stops, drive, jnp.array([-1.0, place]))
+    state = bj.reference_state(stopped, point)
+    assert float(state.coordinates[0]) == place
+    assert state.at_stop.tolist() == [1]
+    pull = float(jnp.sum(state.tensions[:, None] * state.layout.span_pulls))
+    spring = float(drive.tensioner.stiffness) * (place - float(state.free[0]))
+    assert float(state.stop_reactions[0]) == pytest.approx(pull + spring, rel=1e-12)
+    assert float(state.stop_reactions[0]) < 0
+    assert float(state.unstretched_length) == pytest.approx(float(free.unstretched_length))

@@ -32,20 +32,20 @@ def by_energy(steady, model, basis):
     )
     slopes = jnp.stack([slope(jnp.asarray(x), i) for i in range(spans)])
     functions = [basis.values(jnp.asarray(x), order) for order in range(3)]
-    lift = model.w_start[:, None] + model.a[:, None] * x
 
     def motion(z):
         c = z[: spans * n].reshape(spans, n)
-        arm = z[-1]
+        q = z[-len(model.movable) :]
         w_, w_x, w_xx = (c @ f.T for f in functions)
-        return Motion(w_ + lift * arm, w_x + model.a[:, None] * arm, w_xx, z[spans * n : -1], arm)
+        start, slope = (model.W0 @ q)[:, None], (model.a @ q)[:, None]
+        return Motion(w_ + start + slope * x, w_x + slope, w_xx, z[spans * n : -len(q)], q)
 
     weights = jnp.broadcast_to(jnp.asarray(w), slopes.shape)
 
     def lagrangian(z, rate):
         return energy(motion(z), motion(rate), slopes, weights, model)
 
-    rest = jnp.zeros(spans * n + spans + 1)
+    rest = jnp.zeros(spans * n + len(model.M_r) + len(model.movable))
     (zz, zr), (_, rr) = jax.jit(jax.hessian(lagrangian, argnums=(0, 1)))(rest, rest)
     return rr, zr.T - zr, -zz
 
@@ -76,7 +76,7 @@ def test_forms_of_spans_are_those_of_the_matrices(name, free):
     random = np.random.default_rng(3)
     shape = (2, 5, len(lin.mass))
     left, right = random.normal(size=shape) + 1j * random.normal(size=shape)
-    found = forms_of_spans(lin.model, lin.basis, lin.elongations, lin.pulleys, left, right)
+    found = forms_of_spans(lin.model, lin.basis, lin.elongations, lin.rotors, left, right)
     whole = np.array([lin.mass, lin.gyroscopic, lin.stiffness])
     expected = np.einsum("ka,mab,kb->mk", left.conj(), whole, right)
     for form, value in zip(found, expected, strict=True):
@@ -90,5 +90,6 @@ def test_a_free_drive_turns_rigidly(name):
     lin = bj.linearize(bj.steady_state(drive, point), bj.Legendre(6), free=True)
     z = jnp.zeros(len(lin.mass))
     n = lin.spans * lin.basis.size
-    z = z.at[n : n + lin.spans].set(1 / lin.model.r[lin.pulleys])
+    radii = lin.steady.groups.radius_ratios
+    z = z.at[n : n + lin.spans].set(1 / radii[lin.rotors])
     assert float(jnp.max(jnp.abs(lin.stiffness @ z))) < 1e-12 * float(jnp.max(lin.stiffness))

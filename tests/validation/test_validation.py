@@ -92,7 +92,7 @@ def test_the_printed_angle_lies_within_the_rounding_of_the_printed_pivot():
     def angles(shift):
         moved = jax.numpy.array([0.0, shift])
         drive = eqx.tree_at(lambda d: d.tensioner.pivot, as_printed(), replace_fn=moved.__add__)
-        return np.degrees(bj.layout(drive).alignment)
+        return np.degrees(bj.alignment_angles(drive, bj.layout(drive))[0])
 
     one, two = sorted((angles(-50e-6)[0], angles(50e-6)[0]))
     assert one < printed_steady.ALIGNMENT[0].number < two

@@ -1,1 +1,1 @@
-"""What each command does, from a file to its report: the JSON document, the tables, the files."""
+"""The work of each command: it turns a file into a report with document, tables and files."""

@@ -1,4 +1,4 @@
-"""What `beltjax analyze` does, from a drive file to a report."""
+"""The work of `beltjax analyze`: it turns a drive file into a report."""
 
 import math
 import os
@@ -145,7 +145,7 @@ class AnalyzeDocument(Document):
 
 
 def analyze_report(path: str | os.PathLike[str], figure: str | None = None) -> Report:
-    """Analyze one drive file, and draw its modes if asked.
+    """Analyze one drive file, and draw its modes where `figure` names a picture.
 
     Raises `FileError` where the file describes no possible drive.
     """
@@ -157,8 +157,8 @@ def analyze_report(path: str | os.PathLike[str], figure: str | None = None) -> R
     pulleys = len(drive.pulleys)
     few = pulleys <= MOST_VIBRATING
     basis = Legendre(min(_FUNCTIONS, max(_COORDINATES // pulleys, 1)))
-    asked = (MODES if few else 0), basis
-    found = jax.device_get(run_kept(canonical_sensitivities, *numbers, *asked))
+    count = MODES if few else 0
+    found = jax.device_get(run_kept(canonical_sensitivities, *numbers, count, basis))
     found = in_names_of(drive, point, found)
     why = diagnose(drive, point, found.steady)
     if why and why.impossible:
@@ -398,7 +398,7 @@ def _gamma_table(slopes: dict[str, Any], sizes: dict[str, Any]) -> Table:
 
 
 def _gamma_is_zero(sizes: dict[str, Any]) -> str:
-    """Why nothing moves Gamma."""
+    """Say why nothing moves Gamma."""
     stiff = [size for name, size in sizes.items() if name.endswith(".bending_stiffness")]
     if not any(stiff):
         return (
@@ -412,5 +412,5 @@ def _components(name: str, size: Any, slope: Any) -> list[tuple[str, float, floa
     if not isinstance(slope, list):
         return [(name, size, slope)]
     indices = [f"[{i}]" for i in range(len(slope))]
-    labels = [".x", ".y"] if name.endswith(("center", "pivot")) else indices
+    labels = [".x", ".y"] if name.endswith(("center", "pivot", "direction")) else indices
     return [(name + label, *part) for label, *part in zip(labels, size, slope, strict=True)]

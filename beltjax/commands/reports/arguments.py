@@ -1,4 +1,4 @@
-"""What is asked on the command line: ranges of numbers, amplitudes, orders."""
+"""Arguments of commands read from text: ranges of numbers, amplitudes, orders."""
 
 from collections.abc import Callable
 from typing import TypeVar
@@ -13,8 +13,8 @@ Value = TypeVar("Value")
 _MOST_POINTS = 100_000
 
 
-def asked(option: str, read: Callable[[], Value]) -> Value:
-    """What an option says; raises `FileError` that names it."""
+def read_option(option: str, read: Callable[[], Value]) -> Value:
+    """The value that `read` makes of an option; raises `FileError`, which names the option."""
     try:
         return read()
     except ValueError as error:

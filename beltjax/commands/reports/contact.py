@@ -1,4 +1,4 @@
-"""What `beltjax contact` does, from a drive file to a report."""
+"""The work of `beltjax contact`: it turns a drive file into a report."""
 
 import os
 from typing import Any
@@ -7,6 +7,7 @@ import jax
 import numpy as np
 from rich.console import Group
 from rich.markup import escape
+from rich.table import Table
 
 from beltjax.analysis.contact import ContactState, Law, asked, contact_solution, without_friction
 from beltjax.analysis.steady import SteadyState, steady_state
@@ -224,7 +225,7 @@ def contact_tables(document: dict[str, Any]) -> Group:
     return Group(_pulley_table(document), _span_table(document), _summary(document))
 
 
-def _pulley_table(document: dict[str, Any]):
+def _pulley_table(document: dict[str, Any]) -> Table:
     columns = "pulley", "wrap (deg)", "slip (deg)", "adhesion (deg)", "moment (N m)", "rpm"
     table = plain_table(escape(document["drive"]), *columns)
     for row in document["pulleys"]:
@@ -234,7 +235,7 @@ def _pulley_table(document: dict[str, Any]):
     return table
 
 
-def _span_table(document: dict[str, Any]):
+def _span_table(document: dict[str, Any]) -> Table:
     columns = "span", "length (mm)", "T start (N)", "T mid (N)", "T end (N)", "angles (deg)"
     table = plain_table("", *columns)
     for row in document["spans"]:
@@ -244,7 +245,7 @@ def _span_table(document: dict[str, Any]):
     return table
 
 
-def _summary(document: dict[str, Any]):
+def _summary(document: dict[str, Any]) -> Table:
     table = plain_table("", "quantity", "value", "unit")
     rows = [
         ("efficiency", document["efficiency"], 6, ""),
@@ -260,7 +261,7 @@ def _summary(document: dict[str, Any]):
 
 
 def diagnose_contact(drive: Drive, point: OperatingPoint, state: ContactState) -> Diagnosis | None:
-    """What to tell the user about a contact state that is not physical; None if all is well."""
+    """Say to the user why a contact state is not physical; None where it is."""
     result = state.result
     if succeeded(result):
         return None

@@ -1,4 +1,4 @@
-"""Why an analysis failed, in the words of the drive file: which key, what was found, what to do."""
+"""Diagnoses of failed analyses, which name the key of the drive file and what to do."""
 
 import dataclasses
 from typing import Any, NamedTuple
@@ -21,7 +21,7 @@ from beltjax.drive.system import Drive
 from beltjax.results import RESULTS, explanation, succeeded
 
 _ROOM = 0.01  # of the path, by which a belt that resists bending may be longer and yet tight
-_SWEEP = 1.0  # the arm is looked at this far to either side of where it is drawn [rad]
+_SWEEP = 1.0  # the arm is turned this far to either side to measure the path [rad]
 
 
 class Diagnosis(NamedTuple):
@@ -33,7 +33,7 @@ class Diagnosis(NamedTuple):
 
 
 def diagnose(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagnosis | None:
-    """What to tell the user about a steady state that is no drive's; None if all is well.
+    """Say to the user why a steady state is no drive's; None where it is.
 
     The layout at rest is checked as the drawn one was: torques, or a belt that is given, may
     have turned the arm into another pulley.
@@ -162,7 +162,7 @@ def _belt_diagnosis(drive: Drive, rule: BeltGiven) -> Diagnosis:
     remedy = "change belt_length or free_angle" if len(turns) > 1 else "change belt_length"
     stiff = float(drive.belt.bending_stiffness) > 0
     if stiff and longest < found < (1 + _ROOM) * longest:
-        remedy += "; that is for a string: `beltjax contact` tells whether a stiff belt is tight"
+        remedy += "; that is for a string: `beltjax contact` finds whether a stiff belt is tight"
     return Diagnosis(
         "installation.belt_length",
         f"found {length} m, {too}: the path takes {' to '.join(path)} m; {remedy}",

@@ -1,4 +1,4 @@
-"""What every command writes as JSON: documents with the fixed keys, and what each key holds."""
+"""JSON documents: their fixed keys, and the description that each key carries."""
 
 import json
 import math
@@ -28,7 +28,7 @@ class Part(BaseModel):
 
 
 class WarningPart(Part):
-    """What limits the trust in a success."""
+    """A limit of the trust in a success."""
 
     code: str = meaning(
         "`belt_stiff_on_pulley`, `span_slackens` (members of `bj.RESULTS`) or `modes_left_out`"
@@ -45,7 +45,7 @@ class ModelPart(Part):
 
 
 class Document(Part):
-    """What every document has."""
+    """The keys that every document has."""
 
     schema_: Annotated[Literal["1"], Field(alias="schema", description="version of the document")]
     warnings: list[WarningPart] = meaning("empty where nothing limits the trust")

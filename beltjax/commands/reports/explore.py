@@ -1,4 +1,4 @@
-"""What `beltjax explore` does: ranges from the command line, a store, and a summary of it."""
+"""The work of `beltjax explore`: it reads ranges, fills a store and sums it up."""
 
 import functools
 import time
@@ -13,7 +13,7 @@ from rich.console import Group
 from rich.markup import escape
 
 from beltjax import optimize
-from beltjax.commands.reports.arguments import asked, read_interval, read_named, read_range
+from beltjax.commands.reports.arguments import read_interval, read_named, read_option, read_range
 from beltjax.commands.reports.documents import (
     Document,
     Maybe,
@@ -53,7 +53,7 @@ class QuantityPart(Part):
 
 
 class EndingPart(Part):
-    """How many designs ended in one way."""
+    """The number of designs that ended in one way."""
 
     result: str = meaning("a member of `bj.RESULTS`")
     designs: int
@@ -75,7 +75,7 @@ class ExploreDocument(Document):
 
 
 class ExploreOptions(NamedTuple):
-    """What `beltjax explore` was given, as text where it carries units."""
+    """The options of `beltjax explore`, as text where they carry units."""
 
     over: Sequence[str]
     samples: int | None  # None: every combination of the points
@@ -89,12 +89,12 @@ class ExploreOptions(NamedTuple):
 
 
 def explore_report(path: str, given: ExploreOptions, advance: Advance) -> Report:
-    """Explore the designs of a drive file. Raises `FileError` for what cannot be asked."""
+    """Explore the designs of a drive file. Raises `FileError` for options that cannot be used."""
     if given.workers is not None and given.scheduler:
         raise FileError("--workers", "", "a scheduler has its own workers; leave out one of both")
     drive, point = load_drive(path)
     designs = _designs(drive, given)
-    began, told = time.monotonic(), _Pace(advance)
+    began, pace = time.monotonic(), _Pace(advance)
     try:
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always", optimize.DamageWarning)
@@ -108,15 +108,15 @@ def explore_report(path: str, given: ExploreOptions, advance: Advance) -> Report
                 batch=given.batch,
                 workers=given.workers,
                 scheduler=given.scheduler,
-                advance=told,
+                advance=pace,
             )
     except FileError:
         raise
     except ValueError as error:
         raise FileError("explore", "", str(error).rstrip(".")) from error
-    asked_of = [*given.quantities, *["frequency"] * bool(given.modes)]
+    wanted = [*given.quantities, *["frequency"] * bool(given.modes)]
     try:
-        summary = _summary(data, designs.names, asked_of)
+        summary = _summary(data, designs.names, wanted)
     except (OSError, ValueError) as error:  # a checksum, or the file system
         message = f"was damaged while it was read ({error}); repeat the command to mend it"
         raise FileError(given.store, "", message) from error
@@ -126,7 +126,7 @@ def explore_report(path: str, given: ExploreOptions, advance: Advance) -> Report
         "warnings": drive_warnings(drive, point),
         "store": str(Path(given.store)),
         "designs": designs.total,
-        "designs_before": told.before,
+        "designs_before": pace.before,
         "repaired": [str(w.message) for w in caught if w.category is optimize.DamageWarning],
         "seconds": time.monotonic() - began,
         **summary,
@@ -140,7 +140,7 @@ def explore_report(path: str, given: ExploreOptions, advance: Advance) -> Report
 
 
 class _Pace:
-    """Tells of the rate and of the time left, beside what is done."""
+    """Adds the rate and the time that is left to each report of progress."""
 
     def __init__(self, advance: Advance):
         self.before = 0  # designs that an earlier run has left
@@ -160,19 +160,21 @@ class _Pace:
 
 
 def _designs(drive: Drive, given: ExploreOptions) -> optimize.Grid | optimize.Samples:
-    """The `Grid` or `Samples` that the options ask for."""
+    """The `Grid` or `Samples` that the options describe."""
     shape = "NAME=FROM:TO:POINTS" if given.samples is None else "NAME=FROM:TO"
-    pairs = [asked("--over", lambda text=text: read_named(text, shape)) for text in given.over]
-    asked("--over", lambda: require_numbers(drive, [name for name, _ in pairs]))
+    pairs = [
+        read_option("--over", lambda text=text: read_named(text, shape)) for text in given.over
+    ]
+    read_option("--over", lambda: require_numbers(drive, [name for name, _ in pairs]))
     read = read_range if given.samples is None else read_interval
     ranges = {}
     for name, text in pairs:
         reading = functools.partial(read, text, unit_of(drive, name))
-        ranges[name] = asked(f"--over {name}", reading)
+        ranges[name] = read_option(f"--over {name}", reading)
     if given.samples is None:
-        return asked("--over", lambda: optimize.Grid(ranges))
+        return read_option("--over", lambda: optimize.Grid(ranges))
     count = given.samples
-    return asked("--samples", lambda: optimize.Samples(ranges, count, given.seed))
+    return read_option("--samples", lambda: optimize.Samples(ranges, count, given.seed))
 
 
 def _summary(data: Any, names: Sequence[str], quantities: Sequence[str]) -> dict[str, Any]:
@@ -221,7 +223,7 @@ class _Extremes:
         self._least, self._greatest = (np.inf, 0), (-np.inf, 0)
 
     def take(self, start: int, values: np.ndarray) -> None:
-        """Look at the values [designs, parts] of designs from `start` on."""
+        """Take in the values [designs, parts] of designs from `start` on."""
         found = np.flatnonzero(np.isfinite(values).all(axis=1))
         if not len(found):
             return
@@ -243,7 +245,7 @@ class _Extremes:
 
 
 def _outcomes(flags: dict[str, Any], counts: dict[int, int]) -> list[dict[str, Any]]:
-    """How many designs ended in which way, most of them first."""
+    """Count the designs by the way in which they ended, the most frequent first."""
     meanings = zip(flags["flag_values"], flags["flag_meanings"].split(), strict=True)
     texts = dict(zip(flags["flag_values"], flags["texts"], strict=True))
     names = {value: name for value, name in meanings}

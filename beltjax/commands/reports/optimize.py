@@ -1,4 +1,4 @@
-"""What `beltjax optimize` does, from a study file to a report."""
+"""The work of `beltjax optimize`: it turns a study file into a report."""
 
 import dataclasses
 import math
@@ -57,7 +57,7 @@ class LimitPart(Part):
 
 
 class StartPart(Part):
-    """How one start ended."""
+    """The end of one start."""
 
     final: Maybe
     result: str
@@ -107,7 +107,7 @@ class AsDrawnPart(Part):
 
 
 class ScatterPart(Part):
-    """What a study counts of its tolerances."""
+    """The way in which a study counts its tolerances."""
 
     counted: str
     numbers: list[str]
@@ -134,7 +134,7 @@ class OptimizeDocument(Document):
 
 
 class OptimizeOptions(NamedTuple):
-    """What `beltjax optimize` was given beside the study; None: nothing, or the study's."""
+    """The options of `beltjax optimize`; None stands for nothing, or for the study's own."""
 
     figure: str | None = None
     drive: str | None = None  # where to write the optimized drive
@@ -150,7 +150,7 @@ def optimize_report(
     given: OptimizeOptions,
     advance: Advance,
 ) -> Report:
-    """Run one study, with the files that were asked for.
+    """Run one study, with the files that its options name.
 
     Raises `FileError` for a study that cannot be posed; a study without a solution is a report
     whose `failure` says which limit is missed and by how much.
@@ -262,14 +262,14 @@ def _missed(design: optimize.Design) -> tuple[str, str]:
 
 def optimize_document(design: optimize.Design) -> dict[str, Any]:
     """The outcome of a `beltjax.optimize.Design`."""
-    asked = [constraint for constraint in design.constraints if not constraint.implied]
+    own = [constraint for constraint in design.constraints if not constraint.implied]
     implied = [constraint for constraint in design.constraints if constraint.implied]
     return {
         "model": model_flags(design.drive),
         "warnings": steady_warnings(design.drive, design.steady),
         "design": dict(design.values),
         "objective": {"initial": design.initial, "final": design.final},  # None: nothing runs
-        "constraints": [_constraint(constraint) for constraint in asked],
+        "constraints": [_constraint(constraint) for constraint in own],
         "implied_constraints": [_constraint(constraint) for constraint in implied],
         "success": design.success,
         "starts": [{"final": start.final, "result": start.result} for start in design.starts],
@@ -298,7 +298,7 @@ def chosen_document(chosen: Sequence[optimize.Chosen]) -> dict[str, Any]:
 
 
 def robust_document(design: optimize.Design, scatter: optimize.Scatter) -> dict[str, Any]:
-    """What a study counts of its tolerances, and its design's values without them."""
+    """The keys of a study's tolerances: how they count, and the design's values without them."""
     shown = [constraint for constraint in design.constraints if not constraint.implied]
     drawn = {
         "objective": design.as_drawn,
@@ -308,7 +308,7 @@ def robust_document(design: optimize.Design, scatter: optimize.Scatter) -> dict[
 
 
 def _optimality(shown: optimize.Optimality | None) -> dict[str, Any] | None:
-    """How well the conditions of an optimum are met, in the scaled problem."""
+    """The keys that show how well the conditions of an optimum hold in the scaled problem."""
     if shown is None:
         return None
     keys = ("residual", "stationarity", "violation", "complementarity", "curvature")

@@ -116,7 +116,7 @@ def _frequencies(drive: Drive, point: OperatingPoint) -> Figure:
 def _sensitivities(
     study: optimize.Study, design: optimize.Design
 ) -> list[tuple[str, float, float]]:
-    """What 1 % of each fixed number does to the optimum: name, change, derivative (SI)."""
+    """Find how 1 % of each fixed number changes the optimum: name, change, derivative (SI)."""
     if not design.success:
         return []
     try:

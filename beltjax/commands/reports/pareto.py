@@ -1,4 +1,4 @@
-"""What `beltjax pareto` does, from a study file to a report."""
+"""The work of `beltjax pareto`: it turns a study file into a report."""
 
 import os
 import re

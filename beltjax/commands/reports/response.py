@@ -1,4 +1,4 @@
-"""What `beltjax response` does, from a drive file to a report."""
+"""The work of `beltjax response`: it turns a drive file into a report."""
 
 import functools
 import os
@@ -7,13 +7,14 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 from rich.console import Group
 from rich.markup import escape
 
 from beltjax.analysis.damping import Damping
 from beltjax.analysis.response import Excitation, Response, speed_response
 from beltjax.analysis.sweep import CHUNK
-from beltjax.commands.reports.arguments import asked, read_amplitude, read_named, read_range
+from beltjax.commands.reports.arguments import read_amplitude, read_named, read_option, read_range
 from beltjax.commands.reports.documents import (
     Document,
     Part,
@@ -75,7 +76,7 @@ class ResponseDocument(Document):
 
 
 class ResponseOptions(NamedTuple):
-    """What `beltjax response` was given, as text; None: the file's, or the usual."""
+    """The options of `beltjax response`, as text; None stands for the file's, or the usual one."""
 
     crank: str | None
     torques: Sequence[str]
@@ -96,11 +97,11 @@ def response_report(
     order = _order(point, given)
     if not 0 < order < np.inf:
         raise FileError("--order", "", f"found {order:g}; give a positive order")
-    speeds = asked("--speeds", lambda: read_range(given.speeds, "rad/s"))
+    speeds = read_option("--speeds", lambda: read_range(given.speeds, "rad/s"))
     if not speeds[0] > 0:
         raise FileError("--speeds", "", f"found {given.speeds!r}; begin above 0")
     ratio = _MODAL_DAMPING if given.modal_damping is None else given.modal_damping
-    damping = asked("--modal-damping", lambda: Damping(modal=ratio))
+    damping = read_option("--modal-damping", lambda: Damping(modal=ratio))
     found = _responses(drive, point, speeds, excitation, jnp.asarray(order), damping, advance)
     document = response_document(drive, order, speeds, found)
     files: tuple[tuple[str, bytes], ...] = ()
@@ -124,7 +125,9 @@ def _order(point: OperatingPoint, given: ResponseOptions) -> float:
     return _ORDER if file is None or file.order is None else float(file.order)
 
 
-def _excitation(path, drive: Drive, point: OperatingPoint, given: ResponseOptions) -> Excitation:
+def _excitation(
+    path: str | os.PathLike[str], drive: Drive, point: OperatingPoint, given: ResponseOptions
+) -> Excitation:
     """The command's crank motion and torques; the file's where the command names neither."""
     file = point.excitation
     if given.crank is not None or given.torques:
@@ -143,14 +146,14 @@ def _excitation(path, drive: Drive, point: OperatingPoint, given: ResponseOption
 
 def _commanded(drive: Drive, given: ResponseOptions) -> tuple[float, dict[str, float]]:
     """Amplitudes of the command's crank motion [rad] and torques [N m]."""
-    crank = asked("--crank", lambda: read_amplitude(given.crank or "0", "rad"))
+    crank = read_option("--crank", lambda: read_amplitude(given.crank or "0", "rad"))
     torques = {}
     for text in given.torques:
-        name, size = asked("--torque", lambda text=text: read_named(text, "NAME=AMPLITUDE"))
+        name, size = read_option("--torque", lambda text=text: read_named(text, "NAME=AMPLITUDE"))
         if name in torques:
             raise FileError("--torque", "", f"names {name!r} twice; remove one of them")
-        torques[name] = asked("--torque", lambda size=size: read_amplitude(size, "N m"))
-    asked("--torque", lambda: Excitation(crank, torques).on(drive.pulley_names))
+        torques[name] = read_option("--torque", lambda size=size: read_amplitude(size, "N m"))
+    read_option("--torque", lambda: Excitation(crank, torques).on(drive.pulley_names))
     driver = drive.pulley_names[int(np.argmax(drive.drives))]
     if driver in torques:
         message = f"the motion of the driver {driver!r} is given; use --crank"
@@ -159,7 +162,13 @@ def _commanded(drive: Drive, given: ResponseOptions) -> tuple[float, dict[str, f
 
 
 def _responses(
-    drive, point, speeds: np.ndarray, excitation, order, damping, advance: Advance
+    drive: Drive,
+    point: OperatingPoint,
+    speeds: np.ndarray,
+    excitation: Excitation,
+    order: Array,
+    damping: Damping,
+    advance: Advance,
 ) -> Response:
     """Chunk by chunk, so that progress shows."""
     torques = excitation.on(drive.pulley_names)
@@ -167,13 +176,20 @@ def _responses(
     shaken = Excitation(excitation.crank, named)
     numbers = canonical(drive, point)
 
-    def run(chunk):
+    def run(chunk: np.ndarray) -> Response:
         return quickly_compiled(_response)(*numbers, jnp.asarray(chunk), shaken, order, damping)
 
     return in_chunks(run, speeds, CHUNK, functools.partial(advance, "forcing"))
 
 
-def _response(drive, point, speeds, excitation, order, damping) -> Response:
+def _response(
+    drive: Drive,
+    point: OperatingPoint,
+    speeds: Array,
+    excitation: Excitation,
+    order: Any,
+    damping: Damping,
+) -> Response:
     return speed_response(
         drive, point, speeds, excitation, order=order, damping=damping, throw=False
     )

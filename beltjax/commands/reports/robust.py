@@ -1,4 +1,4 @@
-"""What `beltjax robust` does: tolerances from the command line, and what they make of a drive."""
+"""The work of `beltjax robust`: it reads tolerances and scatters a drive by them."""
 
 import functools
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from beltjax import optimize
-from beltjax.commands.reports.arguments import asked, read_named, read_size
+from beltjax.commands.reports.arguments import read_named, read_option, read_size
 from beltjax.commands.reports.documents import (
     Document,
     Part,
@@ -33,7 +33,7 @@ class IndexPart(Part):
 
 
 class SpreadPart(Part):
-    """How a quantity scatters, SI."""
+    """The scatter of a quantity, SI."""
 
     name: str
     unit: str
@@ -59,7 +59,7 @@ class RobustDocument(Document):
 
 
 class RobustOptions(NamedTuple):
-    """What `beltjax robust` was given, as text where it carries units."""
+    """The options of `beltjax robust`, as text where they carry units."""
 
     within: Sequence[str]
     deviation: Sequence[str]
@@ -71,7 +71,7 @@ class RobustOptions(NamedTuple):
 
 
 def robust_report(path: str, given: RobustOptions) -> Report:
-    """Scatter the drive of a file. Raises `FileError` for what cannot be asked."""
+    """Scatter the drive of a file. Raises `FileError` for options that cannot be used."""
     drive, point = load_drive(path)
     kinds = _tolerances(drive, given)
     options = {"samples": given.samples, "seed": given.seed, "quantile": given.quantile}
@@ -101,10 +101,12 @@ def _tolerances(
         ("--deviation", given.deviation, optimize.Normal),
     ):
         for text in texts:
-            name, size = asked(option, functools.partial(read_named, text, "NAME=SIZE"))
-            asked(option, functools.partial(require_numbers, drive, [*kinds, name]))
+            name, size = read_option(option, functools.partial(read_named, text, "NAME=SIZE"))
+            read_option(option, functools.partial(require_numbers, drive, [*kinds, name]))
             kinds[name] = kind(
-                asked(f"{option} {name}", functools.partial(read_size, size, unit_of(drive, name)))
+                read_option(
+                    f"{option} {name}", functools.partial(read_size, size, unit_of(drive, name))
+                )
             )
     if not kinds:
         raise FileError("--within", "", "is missing; give at least one tolerance, NAME=SIZE")
@@ -158,7 +160,7 @@ def _tables(document: dict[str, Any]) -> Group:
 
 
 def _share_table(document: dict[str, Any]) -> Table:
-    """Which tolerance causes how much of each variance: by slopes or, if asked for, in all."""
+    """The table of the shares that each tolerance has in each variance."""
     rows = document["quantities"]
     sampled = "indices" in rows[0]
     title = "Share of the variance" + (", interactions included" if sampled else ", by slopes")

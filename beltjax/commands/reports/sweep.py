@@ -1,4 +1,4 @@
-"""What `beltjax sweep` does, from a drive file to a report."""
+"""The work of `beltjax sweep`: it turns a drive file into a report."""
 
 import os
 from typing import Any
@@ -8,7 +8,7 @@ from rich.console import Group
 from rich.markup import escape
 
 from beltjax.analysis.sweep import Sweep, require_count, sweep
-from beltjax.commands.reports.arguments import asked, read_named, read_orders, read_range
+from beltjax.commands.reports.arguments import read_named, read_option, read_orders, read_range
 from beltjax.commands.reports.documents import (
     Document,
     Part,
@@ -67,13 +67,13 @@ def sweep_report(
     figure: str | None,
     advance: Advance,
 ) -> Report:
-    """Sweep one number of a drive file. Raises `FileError` for what cannot be asked."""
+    """Sweep one number of a drive file. Raises `FileError` for options that cannot be used."""
     drive, point = vibrating(path)
-    name, text = asked("--over", lambda: read_named(over, "NAME=FROM:TO:POINTS"))
-    asked("--over", lambda: require_number(drive, name))
-    values = asked("--over", lambda: read_range(text, unit_of(drive, name)))
-    lines = asked("--orders", lambda: read_orders(orders))
-    asked("--count", lambda: require_count(drive, count))
+    name, text = read_option("--over", lambda: read_named(over, "NAME=FROM:TO:POINTS"))
+    read_option("--over", lambda: require_number(drive, name))
+    values = read_option("--over", lambda: read_range(text, unit_of(drive, name)))
+    lines = read_option("--orders", lambda: read_orders(orders))
+    read_option("--count", lambda: require_count(drive, count))
     found = sweep(drive, point, name, values, count=count, advance=advance)
     document = sweep_document(drive, found)
     files = []

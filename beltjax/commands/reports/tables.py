@@ -14,7 +14,7 @@ def plain_table(title: str, *columns: str) -> Table:
 
 
 def largest_changes(parts: Iterable[tuple[str, float, float]]) -> list[tuple[str, float, float]]:
-    """Of names, sizes and slopes: name, change per 1 % of the size, slope; the largest first."""
+    """Name, change per 1 % of the size, and slope of each number; the largest change first."""
     rows = [(name, 0.01 * size * slope, slope) for name, size, slope in parts if size and slope]
     return sorted(rows, key=lambda row: -abs(row[1]))
 

@@ -1,4 +1,4 @@
-"""What the commands that need vibration share: which drives have it, and how it is reported."""
+"""Helpers of the commands that need vibration: they refuse drives without it."""
 
 import os
 from collections.abc import Sequence

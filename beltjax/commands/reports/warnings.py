@@ -1,4 +1,4 @@
-"""What limits the trust in a result, in words: for the JSON, the tables and the command line."""
+"""Warnings: limits of the trust in a result, in words, for the JSON and the tables."""
 
 from typing import Any
 
@@ -16,19 +16,19 @@ Warnings = list[dict[str, str]]
 
 
 def steady_warnings(drive: Drive, steady: SteadyState) -> Warnings:
-    """Where a steady state leaves the limits of its model; empty where it does not."""
+    """Warn where a steady state leaves the limits of its model."""
     if not succeeded(steady.result) or succeeded(steady.warning):
         return []
     return _stiff_belts(drive, np.asarray(steady.stiffness_ratios))
 
 
 def drive_warnings(drive: Drive, point: OperatingPoint) -> Warnings:
-    """The same of the drive that a study of many drives starts from."""
+    """The warnings of the drive from which a study of many drives starts."""
     return steady_warnings(drive, steady_state(drive, point, throw=False))
 
 
 def sweep_warnings(drive: Drive, found: Sweep) -> Warnings:
-    """Where the steady states of a sweep do, at the worst of its values."""
+    """Warn where the steady states of a sweep do so, at the worst of its values."""
     return _stiff_belts(drive, found.stiffness_ratios[found.good])
 
 

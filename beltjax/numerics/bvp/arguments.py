@@ -1,4 +1,4 @@
-"""What solve_bvp is given, checked and brought into shape."""
+"""The arguments of solve_bvp, checked and brought into shape."""
 
 from collections.abc import Callable
 from typing import Any
@@ -74,7 +74,7 @@ def _as_array(leaf: Any) -> Any:
 
 
 def checked_guess(guess: Any, interval: Interval, points: int) -> tuple[Array, Array]:
-    """(x [m] as fractions of the interval, y [n, m]); a callable is asked at `points` places."""
+    """(x [m] as fractions of the interval, y [n, m]); a callable is evaluated `points` times."""
     if callable(guess):
         x = jnp.linspace(0.0, 1.0, points)
         y = jax.vmap(lambda x: as_double(guess(x)))(interval.a + interval.length * x)

@@ -12,7 +12,7 @@ rounds run through one compiled loop.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -28,7 +28,7 @@ from beltjax.numerics.small_matrices import (
 )
 
 
-class Links(NamedTuple):
+class ChainLinks(NamedTuple):
     """Equations between neighboring nodes, one link a lane."""
 
     A: Float[Array, "n n lanes"]
@@ -36,7 +36,7 @@ class Links(NamedTuple):
     E: Float[Array, "n k lanes"]
 
 
-class Ends(NamedTuple):
+class ChainEnds(NamedTuple):
     """Coefficients of the conditions."""
 
     A: Float[Array, "m n"]
@@ -45,7 +45,7 @@ class Ends(NamedTuple):
 
 
 class Merges(NamedTuple):
-    """What each merge leaves to be applied to right-hand sides; the leading axis is the step."""
+    """The factors of each merge that apply to right-hand sides; the leading axis is the step."""
 
     rows: Float[Array, "steps 2n 2n lanes"]  # [top; bottom], of [g_i; g_{i+1}]
     first: Float[Array, "steps n n lanes"]  # middle node = top g - first y_0 - last y_{i+1} - par p
@@ -61,29 +61,29 @@ class ChainFactor(NamedTuple):
 
 
 def group_size(links: int) -> int:
-    """Links a group, and groups: the smallest number whose square is at least `links`."""
+    """Number of links per group, and of groups: the least whose square is at least `links`."""
     return math.isqrt(max(links, 1) - 1) + 1
 
 
-def factor_chain(links: Links, ends: Ends) -> ChainFactor:
+def factor_chain(links: ChainLinks, ends: ChainEnds) -> ChainFactor:
     """Eliminate every node but the two ends."""
     n, k, N = links.E.shape
     side = group_size(N)
     # Links that only pass the last node's value on fill the last group, and the second round.
     unit = identity(n, links.A[:, :, :1])
-    idle = Links(-unit, unit, jnp.zeros((n, k, 1), unit.dtype))
+    idle = ChainLinks(-unit, unit, jnp.zeros((n, k, 1), unit.dtype))
 
-    def grouped(x, fill):
+    def grouped(x: Array, fill: Array) -> Array:
         spare = jnp.broadcast_to(fill, (*x.shape[:2], side * side - N))
         x = jnp.concatenate([x, spare], axis=2).reshape(*x.shape[:2], side, side)
         return jnp.moveaxis(x, -1, 0)
 
-    def once(links, _):
+    def once(links: ChainLinks, _: None) -> tuple[ChainLinks, Merges]:
         merged, merges = merge_links(links)
-        onwards = Links(*(_as_sequence(x, fill) for x, fill in zip(merged, idle, strict=True)))
+        onwards = ChainLinks(*(_as_sequence(x, fill) for x, fill in zip(merged, idle, strict=True)))
         return onwards, merges
 
-    start = Links(*(grouped(x, fill) for x, fill in zip(links, idle, strict=True)))
+    start = ChainLinks(*(grouped(x, fill) for x, fill in zip(links, idle, strict=True)))
     merged, rounds = jax.lax.scan(once, start, None, length=2)
     top = jnp.concatenate([x[0, ..., 0] for x in merged], axis=1)
     matrix = jnp.concatenate([top, jnp.concatenate(ends, axis=1)])
@@ -109,7 +109,7 @@ def solve_chain(
     g = jnp.pad(g, ((0, 0), (0, side * side - N))).reshape(n, side, side)
     zero = jnp.zeros((n, 1), g.dtype)
 
-    def reduce(g, merges):
+    def reduce(g: Array, merges: Merges) -> tuple[Array, Array]:
         g, tops = carry_forward(merges, g)
         return _as_sequence(g, zero), tops
 
@@ -117,7 +117,7 @@ def solve_chain(
     solved = matvec(factor.ends, jnp.concatenate([g[0, :, :1], conditions[:, None]]))
     first, last, p = solved[:n], solved[n : 2 * n], solved[2 * n :]
 
-    def expand(known, given):
+    def expand(known: Array, given: tuple[Any, ...]) -> tuple[Array, Array]:
         # Nodes between which each lane's merged link lies, to those of its own links.
         merges, tops = given
         left, right = known[:, :-1], known[:, 1:]
@@ -133,29 +133,29 @@ def solve_chain(
     return y[:, : N + 1], p[:, 0]
 
 
-def merge_links(links: Links) -> tuple[Links, Merges]:
+def merge_links(links: ChainLinks) -> tuple[ChainLinks, Merges]:
     """Merge the links of a sequence (leading axis) into one, lane by lane."""
     n = links.A.shape[1]
 
-    def step(acc: Links, following: Links):
+    def step(acc: ChainLinks, following: ChainLinks) -> tuple[ChainLinks, Merges]:
         q, r = orthogonalize(jnp.concatenate([acc.B, following.A]))
         top = solve_triangle(r, q[:n])
         rows = jnp.concatenate([top, q[n:]])
         first = matmul(rows[:, :n], acc.A)
         last = matmul(rows[:, n:], following.B)
         par = matmul(rows[:, :n], acc.E) + matmul(rows[:, n:], following.E)
-        merged = Links(first[n:], last[n:], par[n:])
+        merged = ChainLinks(first[n:], last[n:], par[n:])
         return merged, Merges(rows, first[:n], last[:n], par[:n])
 
-    start = Links(*(x[0] for x in links))
-    return jax.lax.scan(step, start, Links(*(x[1:] for x in links)))
+    start = ChainLinks(*(x[0] for x in links))
+    return jax.lax.scan(step, start, ChainLinks(*(x[1:] for x in links)))
 
 
-def carry_forward(merges: Merges, g: Float[Array, "steps+1 n lanes"]):
+def carry_forward(merges: Merges, g: Float[Array, "steps+1 n lanes"]) -> tuple[Array, Array]:
     """Right-hand sides (of the merged link, of each middle node) for those of the links."""
     n = g.shape[1]
 
-    def step(acc, given):
+    def step(acc: Array, given: tuple[Any, ...]) -> tuple[Array, Array]:
         rows, following = given
         both = matvec(rows, jnp.concatenate([acc, following]))
         return both[n:], both[:n]
@@ -163,11 +163,11 @@ def carry_forward(merges: Merges, g: Float[Array, "steps+1 n lanes"]):
     return jax.lax.scan(step, g[0], (merges.rows, g[1:]))
 
 
-def carry_back(merges: Merges, tops, y_first, y_last, p):
+def carry_back(merges: Merges, tops: Array, y_first: Array, y_last: Array, p: Array) -> Array:
     """The middle nodes, from the nodes at the merged link's ends and p."""
     known = tops - jnp.sum(merges.first * y_first, axis=2) - jnp.sum(merges.par * p, axis=2)
 
-    def step(y_next, given):
+    def step(y_next: Array, given: tuple[Any, ...]) -> tuple[Array, Array]:
         last, known = given
         y = known - matvec(last, y_next)
         return y, y

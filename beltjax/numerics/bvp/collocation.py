@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from beltjax.numerics.bvp.chain import ChainFactor, Ends, Links, factor_chain, solve_chain
+from beltjax.numerics.bvp.chain import ChainEnds, ChainFactor, ChainLinks, factor_chain, solve_chain
 from beltjax.numerics.bvp.gauss import Gauss, gauss
 from beltjax.numerics.small_matrices import inverse, matmul, matvec, mix
 
@@ -46,14 +46,16 @@ class Problem(eqx.Module):
     args: Any
     singular: Float[Array, "n n"] | None
 
-    def slope(self, x: Float[Array, ""], y: Float[Array, " n"], p: Float[Array, " k"]):
+    def slope(
+        self, x: Float[Array, ""], y: Float[Array, " n"], p: Float[Array, " k"]
+    ) -> Float[Array, " n"]:
         """dy/dx at one point, which is never x = a itself."""
         dy = self.rhs(x, y, p, self.args)
         return dy if self.singular is None else dy + self.singular @ y / (x - self.interval.a)
 
 
 class Unknowns(NamedTuple):
-    """What is solved for; also a change of it."""
+    """The unknowns of the equations, or a change of them."""
 
     y: Float[Array, "n N+1"]
     K: Float[Array, "s n N"]
@@ -61,7 +63,7 @@ class Unknowns(NamedTuple):
 
 
 class Residual(NamedTuple):
-    """What is left of the equations."""
+    """The residuals of the equations."""
 
     stages: Float[Array, "s n N"]
     joints: Float[Array, "n N"]
@@ -76,16 +78,16 @@ class Factor(NamedTuple):
     steps: Float[Array, " N"]
     chain: ChainFactor
     mean: Float[Array, "n n N"]  # h df/dy over each interval
-    ends: Ends
+    ends: ChainEnds
 
 
 class Local(NamedTuple):
-    """What `rhs` and `bc` give at the unknowns, and their derivatives there."""
+    """Values of `rhs` and `bc` at the unknowns, and their derivatives there."""
 
     slopes: Float[Array, "s n N"]
     jacobian: Float[Array, "s n n+k N"]  # of the slopes, by (y, p)
     conditions: Float[Array, " n+k"]
-    ends: Ends
+    ends: ChainEnds
 
 
 def interval_lengths(interval: Interval, mesh: Mesh) -> Float[Array, " N"]:
@@ -105,20 +107,22 @@ def stage_values(interval: Interval, mesh: Mesh, z: Unknowns) -> Float[Array, "s
     return z.y[:, :-1] + interval_lengths(interval, mesh) * mix(scheme.inner, z.K)
 
 
-def _assembled(interval: Interval, mesh: Mesh, z: Unknowns, slopes, conditions) -> Residual:
+def _assembled(
+    interval: Interval, mesh: Mesh, z: Unknowns, slopes: Array, conditions: Array
+) -> Residual:
     h = interval_lengths(interval, mesh)
     joints = z.y[:, 1:] - z.y[:, :-1] - h * mix(gauss(z.K.shape[0]).weights, z.K)
     return Residual(slopes - z.K, joints, conditions)
 
 
-def _at_stages(function: Callable, interval: Interval, mesh: Mesh, z: Unknowns):
+def _at_stages(function: Callable, interval: Interval, mesh: Mesh, z: Unknowns) -> Any:
     points = stage_points(interval, gauss(z.K.shape[0]), mesh)
     lanes = jax.vmap(function, in_axes=(0, 1), out_axes=-1)
     return jax.vmap(lanes)(points, stage_values(interval, mesh, z))
 
 
 def residual(problem: Problem, mesh: Mesh, z: Unknowns) -> Residual:
-    """What is left of the collocation equations."""
+    """The residuals of the collocation equations."""
     slopes = _at_stages(lambda x, y: problem.slope(x, y, z.p), problem.interval, mesh, z)
     conditions = problem.bc(z.y[:, 0], z.y[:, -1], z.p, problem.args)
     return _assembled(problem.interval, mesh, z, slopes, conditions)
@@ -128,20 +132,20 @@ def evaluated(problem: Problem, mesh: Mesh, z: Unknowns) -> Local:
     """All that a step of Newton's method needs to know of `problem`."""
     n = z.y.shape[0]
 
-    def both(x, y):
-        def slope(yp):
+    def both(x: Array, y: Array) -> Any:
+        def slope(yp: Array) -> tuple[Array, Array]:
             value = problem.slope(x, yp[:n], yp[n:])
             return value, value
 
         return jax.jacfwd(slope, has_aux=True)(jnp.concatenate([y, z.p]))
 
-    def conditions(ya, yb, p):
+    def conditions(ya: Array, yb: Array, p: Array) -> tuple[Array, Array]:
         value = problem.bc(ya, yb, p, problem.args)
         return value, value
 
     jacobian, slopes = _at_stages(both, problem.interval, mesh, z)
     ends, value = jax.jacfwd(conditions, (0, 1, 2), has_aux=True)(z.y[:, 0], z.y[:, -1], z.p)
-    return Local(slopes, jacobian, value, Ends(*ends))
+    return Local(slopes, jacobian, value, ChainEnds(*ends))
 
 
 def factored(interval: Interval, mesh: Mesh, z: Unknowns, local: Local) -> tuple[Residual, Factor]:
@@ -155,7 +159,7 @@ def factored(interval: Interval, mesh: Mesh, z: Unknowns, local: Local) -> tuple
     response = matmul(inner, J.reshape(s * n, n + k, N))
     carried = h * mix(scheme.weights, response.reshape(s, n, n + k, N))
     one = jnp.broadcast_to(jnp.eye(n)[..., None], (n, n, N))
-    links = Links(-one - carried[:, :n], one, -carried[:, n:])
+    links = ChainLinks(-one - carried[:, :n], one, -carried[:, n:])
     mean = h * mix(scheme.weights, J[:, :, :n])
     chain = factor_chain(links, local.ends)
     left = _assembled(interval, mesh, z, local.slopes, local.conditions)

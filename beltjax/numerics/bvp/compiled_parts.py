@@ -44,17 +44,17 @@ def within_transformation(*given: Any) -> bool:
 def part(function: Function) -> Function:
     """`function` of arrays alone: compiled apart for concrete ones, inlined among traced ones."""
 
-    def strongly_typed(*args):
+    def strongly_typed(*args: Any) -> Any:
         # A weakly typed result would be given to the next part, and compile that anew.
         return jax.tree.map(lambda x: jax.lax.convert_element_type(x, x.dtype), function(*args))
 
     @functools.cache
-    def compiled():
+    def compiled() -> Callable:
         named = functools.wraps(function)(strongly_typed)
         return jax.jit(named, compiler_options=quick_options())
 
     @functools.wraps(function)
-    def call(*args):
+    def call(*args: Any) -> Any:
         return function(*args) if is_traced(args) else compiled()(*args)
 
     return call  # pyright: ignore[reportReturnType]
@@ -83,17 +83,17 @@ def kept_for_few(function: Function, *, most: int = SOLVERS_KEPT, quick: bool = 
     """
 
     @functools.lru_cache(maxsize=most)
-    def compiled(structure, static):
+    def compiled(structure: Any, static: tuple[Any, ...]) -> Callable:
         rest = jax.tree.unflatten(structure, static)
 
-        def of_arrays(arrays):
+        def of_arrays(arrays: Any) -> Any:
             args, kwargs = eqx.combine(arrays, rest)
             return function(*args, **kwargs)
 
         return jax.jit(of_arrays, compiler_options=quick_options() if quick else None)
 
     @functools.wraps(function)
-    def call(*args, **kwargs):
+    def call(*args: Any, **kwargs: Any) -> Any:
         arrays, rest = eqx.partition((args, kwargs), _is_numbers)
         static, structure = jax.tree.flatten(rest)
         return compiled(structure, tuple(static))(arrays)

@@ -19,7 +19,7 @@ from beltjax.numerics.bvp.arguments import (
     checked_problem,
     first_start,
 )
-from beltjax.numerics.bvp.collocation import Problem, Residual, Unknowns, solve_factored
+from beltjax.numerics.bvp.collocation import Interval, Problem, Residual, Unknowns, solve_factored
 from beltjax.numerics.bvp.compiled_parts import kept_for_few, part, within_transformation
 from beltjax.numerics.bvp.fixed_nodes import Evidence, Start, search, usable, with_derivative
 from beltjax.numerics.bvp.solve import FIXED_NODES, BVPSolution, as_solution
@@ -68,11 +68,23 @@ def continue_bvp(
 
 
 def _continue(
-    rhs, bc, interval, path, S, tol, x, y, p, *, nodes: int, stages: int, sweeps: int
+    rhs: Callable,
+    bc: Callable,
+    interval: Interval,
+    path: Any,
+    S: Array | None,
+    tol: Array,
+    x: Array,
+    y: Array,
+    p: Array,
+    *,
+    nodes: int,
+    stages: int,
+    sweeps: int,
 ) -> BVPSolution:
     rungs = jax.device_get(path)
 
-    def solved(k: int, start: Start, tol):
+    def solved(k: int, start: Start, tol: Array) -> tuple[Unknowns, Evidence]:
         args = checked_args(jax.tree.map(lambda leaf: leaf[k], rungs))
         return search(Problem(rhs, bc, interval, args, S), start, tol, sweeps)
 
@@ -84,20 +96,32 @@ def _continue(
 
 
 @part
-def _on_the_way(tol):
+def _on_the_way(tol: Array) -> Array:
     return jnp.maximum(tol, ON_THE_WAY)
 
 
 @kept_for_few
 def _continue_compiled(
-    rhs, bc, interval, path, S, tol, x, y, p, *, nodes: int, stages: int, sweeps: int
+    rhs: Callable,
+    bc: Callable,
+    interval: Interval,
+    path: Any,
+    S: Array | None,
+    tol: Array,
+    x: Array,
+    y: Array,
+    p: Array,
+    *,
+    nodes: int,
+    stages: int,
+    sweeps: int,
 ) -> BVPSolution:
     last = jax.tree.map(lambda leaf: leaf[-1], path)
     problem = checked_problem(rhs, bc, interval, last, S, y.shape[0], p.shape[0])
     count = jax.tree.leaves(path)[0].shape[0]
     tols = _on_the_way(tol).repeat(count).at[-1].set(tol)
 
-    def rung(carried, given):
+    def rung(carried: Any, given: Any) -> Any:
         start, _ = carried
         args, tol = given
         here = Problem(problem.rhs, problem.bc, interval, args, problem.singular)
@@ -145,12 +169,12 @@ class Branch(eqx.Module):
         return jnp.where(turned, at, jnp.nan)
 
 
-def _pairs(values):
+def _pairs(values: Array) -> tuple[Array, Array]:
     return values[:-1], values[1:]
 
 
 class _Along(NamedTuple):
-    """What the arclength condition needs: it joins the args."""
+    """The numbers of the arclength condition, which join the args."""
 
     args: Any
     direction: Float[Array, " 2n+k"]
@@ -204,15 +228,30 @@ def follow_branch(
     return _follow(*given, points=points, nodes=nodes, stages=stages, sweeps=sweeps)
 
 
-def _with_one_more(bc):
+def _with_one_more(bc: Callable) -> Callable:
     return lambda ya, yb, p, args: jnp.concatenate([bc(ya, yb, p, args), p[-1:]])
 
 
 @kept_for_few
-def _follow(rhs, bc, interval, args, tol, x, y, p, step, *, points, nodes, stages, sweeps):
+def _follow(
+    rhs: Callable,
+    bc: Callable,
+    interval: Interval,
+    args: Any,
+    tol: Array,
+    x: Array,
+    y: Array,
+    p: Array,
+    step: Array,
+    *,
+    points: int,
+    nodes: int,
+    stages: int,
+    sweeps: int,
+) -> Any:
     n, k = y.shape[0], p.shape[0]
 
-    def closed(ya, yb, p, along: _Along):
+    def closed(ya: Array, yb: Array, p: Array, along: _Along) -> Array:
         ends = jnp.concatenate([ya, yb, p])
         travelled = along.direction @ (ends - along.origin)
         return jnp.concatenate([bc(ya, yb, p, along.args), (travelled - along.distance)[None]])
@@ -233,7 +272,7 @@ def _follow(rhs, bc, interval, args, tol, x, y, p, step, *, points, nodes, stage
         lambda x, y, p, along: rhs(x, y, p, along.args), closed, interval, along, None, n, k
     )
 
-    def advance(point: _Point, _):
+    def advance(point: _Point, _: None) -> Any:
         distance = jnp.where(point.first, 0.0, point.step)
         along = _Along(args, point.direction, point.origin, distance)
         here = Problem(problem.rhs, problem.bc, interval, along, None)
@@ -251,7 +290,9 @@ def _follow(rhs, bc, interval, args, tol, x, y, p, step, *, points, nodes, stage
     return Branch(solutions, solutions.parameters, slope, arclength, solved)
 
 
-def _reached(point: _Point, z: Unknowns, evidence: Evidence, distance, step) -> _Point:
+def _reached(
+    point: _Point, z: Unknowns, evidence: Evidence, distance: Array, step: Array
+) -> _Point:
     """The point just solved for, with the branch's tangent there."""
     right = Residual(*(jnp.zeros_like(x) for x in (z.K, z.K[0], _conditions(z))))
     right = right._replace(conditions=right.conditions.at[-1].set(1.0))

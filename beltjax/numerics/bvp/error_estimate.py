@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from beltjax.numerics.bvp.chain import Ends
+from beltjax.numerics.bvp.chain import ChainEnds
 from beltjax.numerics.bvp.collocation import (
     Interval,
     Local,
@@ -32,15 +32,15 @@ from beltjax.numerics.bvp.mesh import scale_of
 from beltjax.numerics.small_matrices import matmul
 
 ROUNDING = 2.0**-53  # relative, of one operation
-SINGULAR = 1e12  # condition beyond which rounding leaves nothing to judge by, whatever is asked
+SINGULAR = 1e12  # condition beyond which rounding leaves nothing to judge by, for any tolerance
 RESOLVED = 6.0  # |h lambda| that a formula of three stages or more follows closely
-SHORTEST = 1e-8  # piece of an interval: less would not be told from its end
+SHORTEST = 1e-8  # piece of an interval: a shorter one would coincide with its end
 PROBES = 2
 SQUARINGS = 4
 
 
 class Estimate(NamedTuple):
-    """What is known of a solution's distance from the truth."""
+    """An estimate of a solution's distance from the truth."""
 
     error: Float[Array, ""]
     defect: Float[Array, ""]
@@ -93,7 +93,7 @@ def estimate(interval: Interval, z: Unknowns, cut: Mesh, moved: Unknowns, local:
     left, factor = factored(interval, cut, moved, local)
     size, size_p = scale_of(z.y), 1.0 + jnp.abs(z.p)
 
-    def response(right: Residual):
+    def response(right: Residual) -> Array:
         d = solve_factored(factor, right)
         inside = jnp.max(jnp.abs(stage_values(interval, cut, d)) / size)
         parts = [inside, jnp.max(jnp.abs(d.y) / size)]
@@ -110,11 +110,11 @@ def estimate(interval: Interval, z: Unknowns, cut: Mesh, moved: Unknowns, local:
     return Estimate(jnp.maximum(error, ROUNDING * cond), defect, cond)
 
 
-def _probes(left: Residual, ends: Ends, size, size_p) -> Residual:
+def _probes(left: Residual, ends: ChainEnds, size: Array, size_p: Array) -> Residual:
     """Changes of the equations, along a leading axis of `PROBES`."""
     random = np.random.default_rng(0)
 
-    def signs(like):
+    def signs(like: Array) -> Array:
         return jnp.asarray(random.choice([-1.0, 1.0], (PROBES, *like.shape)))
 
     terms = (jnp.abs(ends.A) + jnp.abs(ends.B)) @ size[:, 0] + jnp.abs(ends.P) @ size_p

@@ -4,6 +4,7 @@ Everything here runs under `jit` and `vmap`. The derivative is taken at the conv
 with the mesh held, and never sees the iterations.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -34,7 +35,7 @@ SETTLED = 0.05  # a mesh whose nodes would move by less than this share of an in
 
 
 class Evidence(NamedTuple):
-    """What was found out about a solution on the way."""
+    """The evidence about a solution that the search collects."""
 
     mesh: Mesh
     factor: Factor
@@ -163,14 +164,14 @@ def _usable_or_guess(start: Start, z: Unknowns, evidence: Evidence) -> tuple[Unk
     return z, evidence._replace(mesh=mesh)
 
 
-def _held(tree):
+def _held(tree: Any) -> Any:
     arrays, rest = eqx.partition(tree, eqx.is_array)
     return eqx.combine(jax.lax.stop_gradient(arrays), rest)
 
 
 @part
-def _newton_tol(tol):
-    # Two orders below what is asked for, and the last step is taken whole: the equations are
+def _newton_tol(tol: Array) -> Array:
+    # Two orders below the tolerance, and the last step is taken whole: the equations are
     # solved far better than the mesh resolves the solution.
     return jnp.clip(1e-3 * tol, 1e-12, 1e-8)
 
@@ -182,7 +183,7 @@ def with_derivative(problem: Problem, z: Unknowns, evidence: Evidence) -> Unknow
 
 
 @with_derivative.def_jvp
-def _with_derivative_jvp(primals, tangents):
+def _with_derivative_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
     problem, z, evidence = primals
     t_problem, _, _ = tangents
     # Through itself, so that the solution in the equations below has derivatives in its turn.
@@ -192,10 +193,10 @@ def _with_derivative_jvp(primals, tangents):
     # In a lane that failed no derivative passes, in either direction: not even 0 times nan.
     t_problem = jax.tree.map(lambda t: jnp.where(good, t, 0.0), t_problem)
 
-    def left(moving, z):
+    def left(moving: Any, z: Unknowns) -> Residual:
         return residual(eqx.combine(moving, held), evidence.mesh, z)
 
-    def linear(d):
+    def linear(d: Unknowns) -> Residual:
         return jax.jvp(lambda z: left(moving, z), (z,), (d,))[1]
 
     _, change = jax.jvp(lambda m: left(m, z), (moving,), (t_problem,))
@@ -211,26 +212,28 @@ def _split(problem: Problem, t_problem: Any, good: Bool[Array, ""]) -> tuple[Any
     return barred, held
 
 
-def _implicit_step(linear, factor: Factor, right: Residual, z: Unknowns):
+def _implicit_step(
+    linear: Callable[[Unknowns], Residual], factor: Factor, right: Residual, z: Unknowns
+) -> Unknowns:
     """J^-1 right with the factors at hand, differentiable through J alone."""
     flat_right, as_right = ravel_pytree(right)
     _, as_unknowns = ravel_pytree(z)
 
-    def ravel(tree):
+    def ravel(tree: Any) -> Array:
         return ravel_pytree(tree)[0]
 
-    def quick(b):
+    def quick(b: Array) -> Array:
         return ravel(solve_factored(factor, as_right(b)))
 
-    def refined(solve):
+    def refined(solve: Callable[[Array], Array]) -> Callable:
         # The factors belong to the iterate before the last; one correction makes up for that.
-        def both(matvec, b):
+        def both(matvec: Callable[[Array], Array], b: Array) -> Array:
             x = solve(b)
             return x + solve(b - matvec(x))
 
         return both
 
-    def quick_transposed(c):
+    def quick_transposed(c: Array) -> Array:
         return jax.linear_transpose(quick, flat_right)(c)[0]
 
     x = jax.lax.custom_linear_solve(

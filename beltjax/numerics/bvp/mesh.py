@@ -6,7 +6,7 @@ from jaxtyping import Array, Float
 from beltjax.numerics.bvp.collocation import Interval, Mesh, Unknowns, interval_lengths
 from beltjax.numerics.bvp.gauss import gauss
 
-# A node in five is spread evenly, whatever the layers ask for: what is not yet seen must have
+# A node in five is spread evenly, whatever the layers need: what is not yet seen must have
 # a chance to be, and smooth parts carry layers' errors away if they are too coarse.
 FLOOR = 0.25
 SMOOTHING = 3  # passes of (1/4, 1/2, 1/4) over the density of intervals of equal width
@@ -39,7 +39,7 @@ def smoothed(density: Float[Array, " N"], widths: Float[Array, " N"]) -> Float[A
     into the wide interval beside it, would draw the layer's own nodes out there.
     """
 
-    def beside(x):
+    def beside(x: Array) -> tuple[Array, Array]:
         padded = jnp.concatenate([x[:1], x, x[-1:]])
         return padded[:-2], padded[2:]
 

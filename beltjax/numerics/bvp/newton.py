@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from beltjax.numerics.bvp.chain import Ends
+from beltjax.numerics.bvp.chain import ChainEnds
 from beltjax.numerics.bvp.collocation import (
     Factor,
     Interval,
@@ -43,7 +43,7 @@ class NewtonResult(NamedTuple):
     step: Float[Array, ""]
 
 
-class _State(NamedTuple):
+class _NewtonState(NamedTuple):
     z: Unknowns
     direction: Unknowns
     factor: Factor
@@ -84,7 +84,7 @@ def newton(
 ) -> NewtonResult:
     """Zero of the collocation equations near `start`; steps are below `tol` at the end."""
 
-    def body(state: _State) -> _State:
+    def body(state: _NewtonState) -> _NewtonState:
         local = evaluated_apart(problem, mesh, state.trial)
         return _advanced(problem.interval, mesh, state, local, tol)
 
@@ -92,9 +92,9 @@ def newton(
 
 
 @part
-def _first_state(start: Unknowns, skip: Bool[Array, ""]) -> _State:
+def _first_state(start: Unknowns, skip: Bool[Array, ""]) -> _NewtonState:
     yes = jnp.array(True)
-    return _State(
+    return _NewtonState(
         z=start,
         direction=jax.tree.map(jnp.zeros_like, start),
         factor=no_factor(start),
@@ -115,8 +115,8 @@ def no_factor(like: Unknowns) -> Factor:
     s, n, N = like.K.shape
     k, zeros = like.p.shape[0], jnp.zeros
 
-    def factor():
-        ends = Ends(zeros((n + k, n)), zeros((n + k, n)), zeros((n + k, k)))
+    def factor() -> Factor:
+        ends = ChainEnds(zeros((n + k, n)), zeros((n + k, n)), zeros((n + k, k)))
         local = Local(zeros((s, n, N)), zeros((s, n, n + k, N)), zeros(n + k), ends)
         return factored(Interval(zeros(()), zeros(())), zeros(N + 1), like, local)[1]
 
@@ -124,7 +124,9 @@ def no_factor(like: Unknowns) -> Factor:
 
 
 @part
-def _advanced(interval: Interval, mesh: Mesh, state: _State, local: Local, tol) -> _State:
+def _advanced(
+    interval: Interval, mesh: Mesh, state: _NewtonState, local: Local, tol: Array
+) -> _NewtonState:
     """The state after a trial, at which the equations are `local`."""
     left, factor = factored(interval, mesh, state.trial, local)
     minus = jax.tree.map(jnp.negative, left)
@@ -136,7 +138,7 @@ def _advanced(interval: Interval, mesh: Mesh, state: _State, local: Local, tol) 
 
 
 @part
-def _ended(state: _State) -> NewtonResult:
+def _ended(state: _NewtonState) -> NewtonResult:
     # The last direction is far below `tol`: taking it whole squares the error once more.
     polished = _plus(state.z, jnp.where(state.done, 1.0, 0.0), state.direction)
     return NewtonResult(
@@ -150,13 +152,13 @@ def _ended(state: _State) -> NewtonResult:
     )
 
 
-def _judged(interval: Interval, mesh: Mesh, state: _State, trial: _Trial) -> _Outcome:
+def _judged(interval: Interval, mesh: Mesh, state: _NewtonState, trial: _Trial) -> _Outcome:
     """The natural monotonicity test, and Deuflhard's damping after it.
 
     Where the test is passed: his prediction for the next step; else his correction of this one.
     """
 
-    def sizes(d: Unknowns):
+    def sizes(d: Unknowns) -> tuple[Array, Array]:
         return _sizes(d, stage_values(interval, mesh, d), trial.z)
 
     first, t = state.passes == 0, state.damping
@@ -175,7 +177,7 @@ def _judged(interval: Interval, mesh: Mesh, state: _State, trial: _Trial) -> _Ou
     return _Outcome(accept, damping, largest)
 
 
-def _next(state: _State, trial: _Trial, outcome: _Outcome, tol) -> _State:
+def _next(state: _NewtonState, trial: _Trial, outcome: _Outcome, tol: Array) -> _NewtonState:
     accept, damping, largest = outcome
     first = state.passes == 0
     # At rounding the test is a toss-up: a rejected step this small ends the iteration.
@@ -188,7 +190,7 @@ def _next(state: _State, trial: _Trial, outcome: _Outcome, tol) -> _State:
     done = (accept & (largest <= tol)) | stalled
     failed = ~accept & (first | (damping < SMALLEST_DAMPING))
     passes = state.passes + 1
-    return _State(
+    return _NewtonState(
         z=z,
         direction=direction,
         factor=factor,
@@ -204,7 +206,7 @@ def _next(state: _State, trial: _Trial, outcome: _Outcome, tol) -> _State:
     )
 
 
-def _sizes(d: Unknowns, stages: Float[Array, "s n N"], z: Unknowns):
+def _sizes(d: Unknowns, stages: Float[Array, "s n N"], z: Unknowns) -> tuple[Array, Array]:
     """(root mean square, largest) of a change of the unknowns, in units of their sizes at `z`."""
     scale = scale_of(z.y)
     parts = [d.y / scale, stages / scale, d.p / (1.0 + jnp.abs(z.p))]
@@ -214,9 +216,9 @@ def _sizes(d: Unknowns, stages: Float[Array, "s n N"], z: Unknowns):
     return jnp.sqrt(squares / count), largest
 
 
-def _plus(z: Unknowns, t, d: Unknowns) -> Unknowns:
+def _plus(z: Unknowns, t: Array | float, d: Unknowns) -> Unknowns:
     return jax.tree.map(lambda a, b: a + t * b, z, d)
 
 
-def _positive(x):
+def _positive(x: Array) -> Array:
     return jnp.maximum(x, 1e-300)

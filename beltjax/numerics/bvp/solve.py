@@ -145,7 +145,14 @@ def solve_bvp(
     return raise_unless_successful(solution, solution.result, throw)
 
 
-def _adapted(problem: Problem, tol, guess, nodes: int, most: int, options) -> BVPSolution:
+def _adapted(
+    problem: Problem,
+    tol: Array,
+    guess: tuple[Array, Array, Array],
+    nodes: int,
+    most: int,
+    options: dict[str, int],
+) -> BVPSolution:
     """The solution on 1, 2, 4 ... times `nodes`, until its estimated error will do."""
     solution = best = _reached(problem, tol, guess, min(nodes, most), options)
     retried = False
@@ -166,7 +173,13 @@ def _adapted(problem: Problem, tol, guess, nodes: int, most: int, options) -> BV
     return best
 
 
-def _reached(problem: Problem, tol, guess, nodes: int, options) -> BVPSolution:
+def _reached(
+    problem: Problem,
+    tol: Array,
+    guess: tuple[Array, Array, Array],
+    nodes: int,
+    options: dict[str, int],
+) -> BVPSolution:
     """The solution from the guess or, where that leads nowhere, by a growing interval."""
     solution = _solve(problem, tol, *guess, nodes=nodes, **options)
     if solution.result == RESULTS.equations_nonfinite or bool(jnp.isfinite(solution.error)):
@@ -178,19 +191,40 @@ def _reached(problem: Problem, tol, guess, nodes: int, options) -> BVPSolution:
     return grown if bool(jnp.isfinite(grown.error)) else solution
 
 
-def _solve(problem: Problem, tol, x, y, p, *, nodes: int, stages: int, sweeps: int) -> BVPSolution:
+def _solve(
+    problem: Problem,
+    tol: Array,
+    x: Array,
+    y: Array,
+    p: Array,
+    *,
+    nodes: int,
+    stages: int,
+    sweeps: int,
+) -> BVPSolution:
     start = first_start(problem.interval, x, y, p, nodes, stages)
     return _judged(problem, start, tol, sweeps)
 
 
-def _judged(problem: Problem, start: Start, tol, sweeps: int) -> BVPSolution:
+def _judged(problem: Problem, start: Start, tol: Array, sweeps: int) -> BVPSolution:
     z, evidence = search(problem, start, tol, sweeps)
     z = with_derivative(problem, z, evidence) if is_traced(z) else z
     return as_solution(problem.interval, z, evidence, tol)
 
 
 @kept_for_few
-def _solve_compiled(rhs, bc, interval, args, S, tol, x, y, p, **options) -> BVPSolution:
+def _solve_compiled(
+    rhs: Callable,
+    bc: Callable,
+    interval: Interval,
+    args: Any,
+    S: Array | None,
+    tol: Array,
+    x: Array,
+    y: Array,
+    p: Array,
+    **options: int,
+) -> BVPSolution:
     problem = checked_problem(rhs, bc, interval, args, S, y.shape[0], p.shape[0])
     return _solve(problem, tol, x, y, p, **options)
 
@@ -199,7 +233,7 @@ def _solve_compiled(rhs, bc, interval, args, S, tol, x, y, p, **options) -> BVPS
 def as_solution(
     interval: Interval, z: Unknowns, evidence: Evidence, tol: Float[Array, ""]
 ) -> BVPSolution:
-    """What the search found, with the verdict on it."""
+    """The solution that the search found, with the verdict on it."""
     good = usable(evidence)
     known = evidence.estimate
     # Nothing better can be had in double precision, on whatever mesh.

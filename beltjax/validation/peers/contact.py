@@ -12,11 +12,12 @@ the left. P is the tension less the momentum flux, P = T - G V.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import brentq, root
 
-from beltjax.validation.peers.span import Span, UnsolvedError, bent_span, string_span
+from beltjax.validation.peers.span import PeerSpan, UnsolvedError, bent_span, string_span
 
 COLUMNS = ("length", "compliance", "start", "middle", "end", "angle_start", "angle_end")
 ABSCISSAS, WEIGHTS = np.polynomial.legendre.leggauss(24)
@@ -89,7 +90,7 @@ class PeerState:
     reference_speed: float  # V_ref [m/s]
     arm_angle: float | None  # [rad]
     free_angle: float | None  # [rad]
-    spans: list[Span]
+    spans: list[PeerSpan]
     closure: float  # P found back at the driver less P assumed there [N]
 
 
@@ -105,7 +106,7 @@ class Chain:
 
     drive: PeerDrive
     tol: float
-    spans: list[Span | None] = field(init=False)
+    spans: list[PeerSpan | None] = field(init=False)
 
     def __post_init__(self):
         self.spans = [None] * len(self.drive.radii)
@@ -120,7 +121,12 @@ class Chain:
         return centers
 
     def state(
-        self, tension: float, moments: np.ndarray, *, flow=None, arm_angle: float | None = None
+        self,
+        tension: float,
+        moments: np.ndarray,
+        *,
+        flow: Callable[[float], tuple[float, float]] | None = None,
+        arm_angle: float | None = None,
     ) -> PeerState:
         """Steady state in which the belt enters the driver with P = `tension`.
 
@@ -142,7 +148,7 @@ class Chain:
         found = [span for span in spans if span is not None]
         return _put_together(drive, found, lines, moments, (G, V_ref), arm_angle, P - tension)
 
-    def _span(self, P: float, ends: tuple, near: Span | None) -> Span:
+    def _span(self, P: float, ends: tuple, near: PeerSpan | None) -> PeerSpan:
         EI, EA = self.drive.bending_stiffness, self.drive.axial_stiffness
         if P <= 0:
             raise UnsolvedError("A span has lost its tension.")
@@ -166,7 +172,15 @@ def string_wraps(drive: PeerDrive, lines: np.ndarray) -> tuple[np.ndarray, np.nd
     return angles, wraps
 
 
-def _put_together(drive, spans: list[Span], lines, moments, flow, arm_angle, closure) -> PeerState:
+def _put_together(
+    drive: PeerDrive,
+    spans: list[PeerSpan],
+    lines: Any,
+    moments: np.ndarray,
+    flow: tuple[float, float],
+    arm_angle: float | None,
+    closure: float,
+) -> PeerState:
     G, V_ref = flow
     EA, radii = drive.axial_stiffness, np.abs(drive.radii)
     each = {name: np.array([getattr(span, name) for span in spans]) for name in COLUMNS}
@@ -241,7 +255,7 @@ def flow_rule(drive: PeerDrive) -> Callable[[float], tuple[float, float]]:
         return lambda P: (G, V * EA / (EA + P + G * V))
     assert m0 is not None
 
-    def of_mass(P):  # the same with G = m0 V_ref: quadratic in V_ref
+    def of_mass(P: Any) -> Any:  # the same with G = m0 V_ref: quadratic in V_ref
         b = EA + P
         V_ref = 2 * V * EA / (b + np.sqrt(b**2 + 4 * m0 * EA * V**2))
         return m0 * V_ref, V_ref
@@ -252,7 +266,7 @@ def flow_rule(drive: PeerDrive) -> Callable[[float], tuple[float, float]]:
 # One belt.
 
 
-def bracketed(function, guess: float, slope: float, tol: float) -> float:
+def bracketed(function: Callable[[float], float], guess: float, slope: float, tol: float) -> float:
     """Root of a monotone function near `guess`; `slope` is about its derivative.
 
     Where the function cannot be evaluated the search turns back half way.
@@ -275,12 +289,14 @@ def bracketed(function, guess: float, slope: float, tol: float) -> float:
     raise UnsolvedError("No bracket found.")
 
 
-def _brent(function, a, b, tol: float) -> float:
+def _brent(
+    function: Callable[[float], float], a: tuple[float, float], b: tuple[float, float], tol: float
+) -> float:
     if a[1] == 0 or b[1] == 0:
         return a[0] if a[1] == 0 else b[0]
-    known = dict((a, b))  # brentq asks for both again
+    known = dict((a, b))  # brentq evaluates both again
 
-    def once(x):
+    def once(x: float) -> float:
         return known.pop(x) if x in known else function(x)
 
     size = abs(a[0]) + abs(b[0])
@@ -295,7 +311,7 @@ def rest_state(drive: PeerDrive, tol: float = 1e-6, root_tol: float = 1e-6) -> P
 
     states = {}
 
-    def surplus(P):
+    def surplus(P: float) -> float:
         states[P] = chain.state(P, none, arm_angle=angle)
         return np.mean(states[P].tension_middle) - drive.tension
 
@@ -311,7 +327,7 @@ def drawn_angle(drive: PeerDrive) -> float | None:
 
 
 @dataclass
-class Belt:
+class PeerBelt:
     """A drive whose belt's unstretched length and arm's free angle are known.
 
     Remembers its last state: a neighbor starts from it.
@@ -361,16 +377,18 @@ class Belt:
         state = solve(moments, flow_rule(self.drive))
         return replace(state, factor=factor, free_angle=self.free_angle)
 
-    def _span_shares(self, moments) -> float:
+    def _span_shares(self, moments: np.ndarray) -> float:
         """Mean over the spans of P less P where the belt enters the driver."""
         along = np.roll(moments / np.abs(self.drive.radii), -self.drive.driver)
         return float(np.mean(np.cumsum(along)))
 
-    def _locked(self, moments, flow) -> PeerState:
+    def _locked(
+        self, moments: np.ndarray, flow: Callable[[float], tuple[float, float]] | None
+    ) -> PeerState:
         EA, share = self.drive.axial_stiffness, self._span_shares(moments)
         states = {}
 
-        def shortage(P):
+        def shortage(P: float) -> float:
             states[P] = self.chain.state(P, moments, flow=flow)
             return (states[P].unstretched_length / self.length - 1) * EA
 
@@ -378,7 +396,9 @@ class Belt:
         self.level = P + share
         return states[P]
 
-    def _with_arm(self, moments, flow) -> PeerState:
+    def _with_arm(
+        self, moments: np.ndarray, flow: Callable[[float], tuple[float, float]] | None
+    ) -> PeerState:
         drive, share = self.drive, self._span_shares(moments)
         EA, arm = drive.axial_stiffness, drive.arm
         assert arm is not None
@@ -387,7 +407,7 @@ class Belt:
         lever = np.linalg.norm(np.asarray(drive.centers[arm.pulley]) - arm.pivot)
         scale = max(self.level, 1e-3)
 
-        def residual(unknown):
+        def residual(unknown: np.ndarray) -> list[float]:
             angle, P = unknown[0], scale * unknown[1]
             state = self.chain.state(P, moments, flow=flow, arm_angle=angle)
             moment = arm_moment(drive, state, self.chain.centers(angle))
@@ -409,9 +429,9 @@ class Belt:
 def contact_state(drive: PeerDrive, tol: float = 1e-6, root_tol: float = 1e-6) -> PeerState:
     """The regular moment problem; `tol` is `solve_bvp`'s, `root_tol` that of what is bracketed.
 
-    Lengths are good to about tol^(4/3), so that a root may be asked for more closely.
+    Lengths are good to about tol^(4/3), so that a root may be wanted more closely.
     """
-    return Belt(drive, tol, root_tol).running()
+    return PeerBelt(drive, tol, root_tol).running()
 
 
 def maximum_moment(
@@ -421,10 +441,10 @@ def maximum_moment(
 
     `first` is the factor to begin with.
     """
-    belt = Belt(drive, tol, root_tol)
+    belt = PeerBelt(drive, tol, root_tol)
     carries = drive.balanced() != 0
 
-    def margin(factor):
+    def margin(factor: float) -> float:
         return float(np.min(belt.running(factor).adhesion[carries]))
 
     low, high = (0.0, np.nan), (np.nan, np.nan)

@@ -5,7 +5,7 @@ pulley turns the belt to the left, and P is the tension less the momentum flux, 
 and no formula of an elastica except in first guesses.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid, solve_bvp
@@ -18,7 +18,7 @@ class UnsolvedError(RuntimeError):
     """A span, a bracket or an arm angle was not found."""
 
 
-class Span(NamedTuple):
+class PeerSpan(NamedTuple):
     """A free span in the frame of its pulleys: x from center to center."""
 
     length: float  # [m]
@@ -33,16 +33,18 @@ class Span(NamedTuple):
     states: np.ndarray | None = None
 
 
-def string_span(tension: float, rho_start: float, rho_end: float, d: float, EA: float) -> Span:
+def string_span(tension: float, rho_start: float, rho_end: float, d: float, EA: float) -> PeerSpan:
     """A span without bending stiffness."""
     angle = -np.arcsin((rho_end - rho_start) / d)
     length = d * np.cos(angle)
     force = tension * np.array([np.cos(angle), np.sin(angle)])
     compliance = length / (EA + tension)
-    return Span(length, compliance, tension, tension, tension, angle, angle, force)
+    return PeerSpan(length, compliance, tension, tension, tension, angle, angle, force)
 
 
-def first_shape(tension: float, EI: float, rho_start: float, rho_end: float, d: float):
+def first_shape(
+    tension: float, EI: float, rho_start: float, rho_end: float, d: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Nodes and states of a tangent bent at its ends: layers of thickness sqrt(EI/C)."""
     C = tension + EI / (2 * rho_start**2)
     rate = np.sqrt(C / EI)
@@ -86,13 +88,15 @@ class StandardForm(NamedTuple):
     EA: float
 
     @property
-    def units(self):
+    def units(self) -> np.ndarray:
         """Sizes of the states [8]."""
         stiff = self.tension * self.d**2 / self.EI + (self.d / self.rho_start) ** 2 / 2
         bend = self.d / min(abs(self.rho_start), abs(self.rho_end))
         return np.array([stiff, bend, bend * np.sqrt(stiff), 1.0, 1.0, 1.0, self.d, 1.0])
 
-    def solve(self, x, y, tol: float):
+    def solve(
+        self, x: np.ndarray, y: np.ndarray, tol: float
+    ) -> tuple[bool, np.ndarray, np.ndarray, Any]:
         """SciPy's solution from the states y at x, with the states' units taken back."""
         S = self.units
         ends = np.array([S[0], S[1], S[1], 1.0, 1.0, 1.0, 1.0, 1.0])
@@ -109,14 +113,14 @@ class StandardForm(NamedTuple):
         middle = S * found.sol(0.5)
         return found.success and found.y[6, 0] > 0, found.x, S[:, None] * found.y, middle
 
-    def rhs(self, _, y):
+    def rhs(self, _: np.ndarray, y: np.ndarray) -> np.ndarray:
         """(5.16), (5.18), (5.19) and the elongation."""
         p, k, q, th, _, _, L, _ = y
         strain = p * self.EI / L**2 / self.EA
         slope = strain / (1 + strain) * self.EA / self.tension
         return np.array([-k * q, q, p * k, k, np.cos(th), np.sin(th), 0 * L, slope])
 
-    def rhs_slope(self, _, y):
+    def rhs_slope(self, _: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Derivative of `rhs` [8, 8, m]."""
         p, k, q, th, _, _, L, _ = y
         strain = p * self.EI / L**2 / self.EA
@@ -130,7 +134,7 @@ class StandardForm(NamedTuple):
         A[7, 0], A[7, 6] = steep * strain / p, -2 * steep * strain / L
         return A
 
-    def bc(self, ya, yb):
+    def bc(self, ya: np.ndarray, yb: np.ndarray) -> np.ndarray:
         """(5.17), (5.20) and, as a vector, (5.21)."""
         La, Lb = ya[6] / self.d, yb[6] / self.d
         a, b = self.rho_start / self.d, self.rho_end / self.d
@@ -147,7 +151,7 @@ class StandardForm(NamedTuple):
             ]
         )
 
-    def bc_slope(self, ya, yb):
+    def bc_slope(self, ya: np.ndarray, yb: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of `bc` with respect to both ends."""
         La, Lb = ya[6] / self.d, yb[6] / self.d
         a, b = self.rho_start / self.d, self.rho_end / self.d
@@ -171,9 +175,9 @@ def bent_span(
     d: float,
     *,
     EA: float = np.inf,
-    near: Span | None = None,
+    near: PeerSpan | None = None,
     tol: float = 1e-6,
-) -> Span:
+) -> PeerSpan:
     """The span that begins with P = `tension`, from a span `near` it where there is one."""
     form = StandardForm(tension, EI, rho_start, rho_end, d, EA if np.isfinite(EA) else 1e300)
     starts = [first_shape(tension, EI, rho_start, rho_end, d)]
@@ -188,7 +192,7 @@ def bent_span(
     raise UnsolvedError(f"No span that begins with a tension of {tension} N found.")
 
 
-def _as_span(form: StandardForm, x, y, middle) -> Span:
+def _as_span(form: StandardForm, x: np.ndarray, y: np.ndarray, middle: Any) -> PeerSpan:
     start, end = y[:, 0], y[:, -1]
     L = start[6]
     P = [form.EI * y[0] / L**2 for y in (start, middle, end)]
@@ -196,4 +200,4 @@ def _as_span(form: StandardForm, x, y, middle) -> Span:
     c, s = np.cos(start[3]), np.sin(start[3])
     force = np.array([P[0] * c - shear * s, P[0] * s + shear * c])
     compliance = L / form.EA * (1 - form.tension / form.EA * end[7])
-    return Span(L, compliance, P[0], P[1], P[2], start[3], end[3], force, x, y)
+    return PeerSpan(L, compliance, P[0], P[1], P[2], start[3], end[3], force, x, y)

@@ -69,7 +69,7 @@ def solve_standard_form(model: SteadyModel, tol: float = 1e-6, max_nodes: int = 
     n = len(m.P)
     weight = m.lam / m.rho
 
-    def rhs(x, y):
+    def rhs(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         T = y[6 * n]
         w1, w2, w3 = y[n : 2 * n], y[2 * n : 3 * n], y[3 * n : 4 * n]  # w3 = eps w'''
         Q = m.P[:, None] - m.s**2 + T
@@ -77,7 +77,7 @@ def solve_standard_form(model: SteadyModel, tol: float = 1e-6, max_nodes: int = 
         zero = np.zeros_like(x)
         return np.vstack([w1, w2, w3 / m.eps, w4, w1**2 / 2, w2**2, zero, zero])
 
-    def bc(ya, yb):
+    def bc(ya: np.ndarray, yb: np.ndarray) -> np.ndarray:
         T, th = ya[6 * n], ya[6 * n + 1]
         Q = m.P - m.s**2 + T
         shear_a, shear_b = (

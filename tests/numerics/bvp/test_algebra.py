@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from beltjax.numerics.bvp.chain import Ends, Links, factor_chain, solve_chain
+from beltjax.numerics.bvp.chain import ChainEnds, ChainLinks, factor_chain, solve_chain
 from beltjax.numerics.bvp.error_estimate import fastest
 from beltjax.numerics.small_matrices import inverse, orthogonalize
 
@@ -21,9 +21,9 @@ def chain(rng, n, k, N, growth=1.0):
     rates = growth ** np.where(np.arange(n) < n // 2, 1.0, -1.0)
     A = -np.einsum("iaz,a,jaz->ijz", turn[..., 1:], rates, turn[..., :-1])
     B = np.broadcast_to(np.eye(n)[..., None], (n, n, N))
-    links = Links(*map(jnp.asarray, (A, B, rng.normal(size=(n, k, N)))))
+    links = ChainLinks(*map(jnp.asarray, (A, B, rng.normal(size=(n, k, N)))))
     m = n + k
-    ends = Ends(*(jnp.asarray(rng.normal(size=(m, c))) for c in (n, n, k)))
+    ends = ChainEnds(*(jnp.asarray(rng.normal(size=(m, c))) for c in (n, n, k)))
     return links, ends
 
 
