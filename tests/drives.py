@@ -45,7 +45,7 @@ def build(centers, radii, faces, carried, pivot, stiffness, tension, torques, re
         belt=bj.Belt(rest["EA"], rest["EI"], 0.1),
         pulleys=tuple(pulleys),
         installation=bj.TensionGiven(tension),
-        tensioner=bj.Tensioner(stiffness, pivot),
+        tensioner=bj.Tensioner(pivot, stiffness),
     )
     torque = {f"p{i}": torques[i] for i in range(1, n)}
     return drive, bj.OperatingPoint(belt_speed=rest["speed"], torque=torque)

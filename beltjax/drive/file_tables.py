@@ -58,7 +58,7 @@ class PulleyTable(Table):
     Tensioner,
     "rotary",
     only=("pivot", "stiffness", "inertia", "damping", "stops"),
-    required=("pivot",),
+    required=("pivot", "stiffness"),
     docs={
         "pivot": "`[x, y]`; with the pulley's center it gives the arm",
         "stiffness": "of the spring",
@@ -99,9 +99,7 @@ class BodyTable(CarrierTable):
     )
 
 
-@numbers_of(
-    Tensioner, "rotary", without=("direction",), required=("pivot",), optional=("stiffness",)
-)
+@numbers_of(Tensioner, "rotary", without=("direction",), required=("pivot",))
 class RotaryTable(BodyTable):
     """[[tensioner]] that turns about a pivot."""
 
@@ -127,7 +125,7 @@ def _direction(value: Any) -> list[float]:
     return vector
 
 
-@numbers_of(Tensioner, "linear", without=("pivot", "direction"), optional=("stiffness",))
+@numbers_of(Tensioner, "linear", without=("pivot", "direction"))
 class LinearTable(BodyTable):
     """[[tensioner]] that slides along a line."""
 
@@ -140,7 +138,7 @@ class LinearTable(BodyTable):
     Tensioner,
     "rotary",
     only=("pivot", "stiffness", "damping"),
-    required=("pivot",),
+    required=("pivot", "stiffness"),
     docs={"stiffness": "of the spring between the arms", "damping": "between the arms"},
 )
 class TwinArmTable(CarrierTable):

@@ -22,7 +22,7 @@ from beltjax.drive.installation import BeltGiven
 from beltjax.drive.layout import turned
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
-from beltjax.files.fields import Number, number, numbers
+from beltjax.files.fields import Number, numbers
 from beltjax.files.units import in_unit
 
 TORQUE = "operation.torque."
@@ -30,10 +30,8 @@ SPEEDS = ("operation.belt_speed", "operation.driver_speed")
 _ANGLE, _ARM_LENGTH = ".angle", ".arm_length"
 # What an arm's pivot says again, in the numbers that a designer turns.
 _OF_ARMS = {
-    _ANGLE: number("rad", "the tensioner turned as a whole about its pulleys' center, from 0")[
-        "number"
-    ],
-    _ARM_LENGTH: number("m", "from the pivot to the pulleys' center", above=0)["number"],
+    _ANGLE: Number("rad", "the tensioner turned as a whole about its pulleys' center, from 0"),
+    _ARM_LENGTH: Number("m", "from the pivot to the pulleys' center", above=0),
 }
 _FEW = ("operation.belt_speed", "belt.bending_stiffness", "installation.tension")
 
@@ -124,7 +122,7 @@ def _silent(part: Any, name: str) -> bool:
         return _silent(part, fact.beside)
     field = next(field for field in dataclasses.fields(part) if field.name == name)
     value, default = concrete(getattr(part, name)), cast(Any, field.default)
-    if fact.required or fact.kinds or value is None or default is None:
+    if fact.required or fact.kinds or fact.design or value is None or default is None:
         return False
     return np.array_equal(value, np.broadcast_to(default, value.shape))
 

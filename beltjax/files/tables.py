@@ -95,7 +95,6 @@ def numbers_of(
     only: Iterable[str] | None = None,
     without: Iterable[str] = (),
     required: Iterable[str] = (),
-    optional: Iterable[str] = (),
     docs: Mapping[str, str] | None = None,
 ) -> Callable[[type[TableType]], type[TableType]]:
     """Give a table the numbers that `owner` holds, of this kind, with their units and bounds.
@@ -113,7 +112,7 @@ def numbers_of(
             for size in fact.shape:
                 exactly = Field(min_length=size, max_length=size)
                 annotation = Annotated[list[annotation], exactly]
-            needed = (fact.required or name in required) and name not in optional
+            needed = fact.required or name in required
             doc = (docs or {}).get(name, fact.doc)
             means = meaning(doc if needed else f"optional: {doc}", fact.unit_for(kind))
             annotation = Annotated[annotation if needed else annotation | None, means]

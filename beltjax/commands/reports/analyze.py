@@ -399,7 +399,8 @@ def _gamma_table(slopes: dict[str, Any], sizes: dict[str, Any]) -> Table:
 
 def _gamma_is_zero(sizes: dict[str, Any]) -> str:
     """Say why nothing moves Gamma."""
-    if sizes["belt.bending_stiffness"] == 0:
+    stiff = [size for name, size in sizes.items() if name.endswith(".bending_stiffness")]
+    if not any(stiff):
         return (
             "Nothing moves Gamma: the spans of a belt without bending stiffness are straight, and "
             "it is zero (belt.bending_stiffness = 0)."
@@ -411,5 +412,5 @@ def _components(name: str, size: Any, slope: Any) -> list[tuple[str, float, floa
     if not isinstance(slope, list):
         return [(name, size, slope)]
     indices = [f"[{i}]" for i in range(len(slope))]
-    labels = [".x", ".y"] if name.endswith(("center", "pivot")) else indices
+    labels = [".x", ".y"] if name.endswith(("center", "pivot", "direction")) else indices
     return [(name + label, *part) for label, *part in zip(labels, size, slope, strict=True)]

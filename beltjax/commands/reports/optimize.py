@@ -26,6 +26,8 @@ from beltjax.commands.reports.tables import number, plain_table
 from beltjax.commands.reports.warnings import steady_warnings, warning_lines
 from beltjax.commands.running import Advance
 from beltjax.drive.files import drive_bytes
+from beltjax.drive.numbers import in_unit_of_file
+from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
 from beltjax.files.reading import read_json
 from beltjax.files.units import shown
@@ -163,10 +165,6 @@ def optimize_report(
     document = optimize_document(design) | choices
     if study.scatter is not None:
         document |= robust_document(design, study.scatter)
-    before = {
-        name: (float(optimize.value_of(study.drive, name)), optimize.unit_of(study.drive, name))
-        for name in design.values
-    }
     files = []
     if given.figure:
         from beltjax.draw.layouts import before_and_after, picture_bytes  # slow to load
@@ -182,9 +180,13 @@ def optimize_report(
     if given.page:
         from beltjax.commands.reports.page import study_page  # slow to load
 
+        before = {
+            name: (float(optimize.value_of(study.drive, name)), optimize.unit_of(study.drive, name))
+            for name in design.values
+        }
         files.append((given.page, study_page(study, design, document, before)))
     failure = "" if design.success else str(FileError(path, *_missed(design)))
-    return Report(document, optimize_tables(document, before), failure, tuple(files))
+    return Report(document, optimize_tables(document, study.drive), failure, tuple(files))
 
 
 def _minimized(
@@ -318,12 +320,12 @@ def _constraint(constraint: optimize.ConstraintReport) -> dict[str, Any]:
     return {key: getattr(constraint, key) for key in keys}
 
 
-def optimize_tables(document: dict[str, Any], before: dict[str, tuple[float, str]]) -> Group:
+def optimize_tables(document: dict[str, Any], drive: Drive) -> Group:
     """The tables of `beltjax optimize`: the design, its constraints, and how the starts ended.
 
-    `before` holds each variable's value in the study's own drive, and its unit.
+    `drive` is the study's own; variables are shown in the units in which its file gives them.
     """
-    shown = [_design_table(document, before), _constraint_table(document), _start_table(document)]
+    shown = [_design_table(document, drive), _constraint_table(document), _start_table(document)]
     if len(document["optima"]) > 1:
         shown.append(_optima_table(document))
     if "choices" in document:
@@ -369,11 +371,12 @@ def _optimality_lines(document: dict[str, Any]) -> Iterator[str]:
         yield f"optimality: residual {shown['residual']:.1e} of the scaled conditions{second}"
 
 
-def _design_table(document: dict[str, Any], before: dict[str, tuple[float, str]]) -> Table:
+def _design_table(document: dict[str, Any], drive: Drive) -> Table:
     table = plain_table("Design", "variable", "before", "after", "unit")
     for name, value in document["design"].items():
-        was, unit = before[name]
-        table.add_row(escape(name), f"{was:.6g}", f"{value:.6g}", unit)
+        own = float(optimize.value_of(drive, name))
+        (was, unit), (now, _) = (in_unit_of_file(drive, name, x) for x in (own, value))
+        table.add_row(escape(name), f"{was:.6g}", f"{now:.6g}", unit)
     objective = document["objective"]
     initial = "-" if objective["initial"] is None else f"{objective['initial']:.6g}"
     final = "-" if objective["final"] is None else f"{objective['final']:.6g}"
