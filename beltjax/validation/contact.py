@@ -23,7 +23,7 @@ HALF = int(np.argmin(np.abs(SPEEDS - 0.5)))  # that of Fig. 5.7
 SLACK, TIGHT = 0, 1
 
 
-class Answers(NamedTuple):
+class SolvedDrives(NamedTuple):
     """One drive's states over EI, and over speed where it is varied: [EI][speed]."""
 
     drives: list[bj.Drive]
@@ -47,17 +47,17 @@ def unequal_pulleys() -> bj.Drive:
     return two_pulleys(*(printed.UNEQUAL[name] for name in names))
 
 
-def regular() -> Answers:
+def regular() -> SolvedDrives:
     """The drive of Table 5.1 under its torque, for each EI of Table 5.2."""
     drive, point = equal_pulleys()
     stiff = jnp.asarray(printed.STIFFNESSES)
     batch = quickly_compiled(_regular)(drive, point, stiff)
-    return Answers(
+    return SolvedDrives(
         [_with(drive, EI) for EI in stiff], [[_lane(batch, k)] for k in range(len(stiff))]
     )
 
 
-def largest() -> Answers:
+def largest() -> SolvedDrives:
     """The drive of Table 5.3 under its largest torque, over EI and speed."""
     drive = unequal_pulleys()
     stiff = jnp.asarray(printed.STIFFNESSES)
@@ -65,7 +65,7 @@ def largest() -> Answers:
     batch = quickly_compiled(_largest)(drive, EI, C * printed.CRITICAL_SPEED)
     lanes = iter(range(len(EI)))
     states = [[_lane(batch, next(lanes)) for _ in SPEEDS] for _ in stiff]
-    return Answers([_with(drive, one) for one in stiff], states)
+    return SolvedDrives([_with(drive, one) for one in stiff], states)
 
 
 def _with(drive: bj.Drive, EI: Any) -> bj.Drive:
@@ -101,20 +101,20 @@ def fixed_boundaries(drive: bj.Drive) -> bj.SteadyState:
     return bj.steady_state(drive, point)
 
 
-def tables(answers: Answers) -> list[Line]:
+def tables(solved: SolvedDrives) -> list[Line]:
     """What Tables 5.1 and 5.3 calculate, and Table 5.2."""
     m0, EA, tension = (printed.UNEQUAL[name] for name in ("m0", "EA", "tension"))
     critical = np.sqrt(tension / (m0 * (1 + tension / EA)))
     return [
         compared("Table 5.1", "L = pi R1 (m)", printed.EQUAL_SPAN, printed.EQUAL["L"]),
-        *_table_5_2(answers),
+        *_table_5_2(solved),
         Line("Table 5.3", "unit of m0", "kg/s", "kg/m", MISPRINT, printed.UNIT),
         compared("Table 5.3", "c_cr (m/s)", printed.CRITICAL, critical),
     ]
 
 
-def _table_5_2(answers: Answers) -> Iterator[Line]:
-    for row, (state,) in zip(printed.TABLE_5_2, answers.states, strict=True):
+def _table_5_2(solved: SolvedDrives) -> Iterator[Line]:
+    for row, (state,) in zip(printed.TABLE_5_2, solved.states, strict=True):
         distance = printed.EQUAL["L"]
         for name, known, number in (
             ("beta_1 = beta_2 (deg)", row.slip, np.degrees(state.slips[0])),

@@ -15,7 +15,7 @@ from beltjax.validation.contact import (
     SLACK,
     SPEEDS,
     TIGHT,
-    Answers,
+    SolvedDrives,
     departures,
     fixed_boundaries,
 )
@@ -34,7 +34,7 @@ _SPANS = (("tight", TIGHT, 1.0), ("slack", SLACK, -1.0))  # and the side of the 
 _LABELS = [f"EI = {EI:g} N m²" for EI in printed.STIFFNESSES]
 
 
-def plates(regular: Answers, largest: Answers) -> Iterator[Plate]:
+def plates(regular: SolvedDrives, largest: SolvedDrives) -> Iterator[Plate]:
     """Figs. 5.4 to 5.8."""
     yield _on_pulleys("5.4", regular, 0, _arcs)
     yield _along_spans(regular)
@@ -55,14 +55,14 @@ def _departures(state: ContactState) -> str:
 
 
 def _on_pulleys(
-    number: str, answers: Answers, column: int, said: Callable[[ContactState], str]
+    number: str, solved: SolvedDrives, column: int, said: Callable[[ContactState], str]
 ) -> Plate:
     """Where the belt runs free, adheres and slips."""
     figure, axes = panels(len(LOADED), 1, 7.6, 3.6)
     points, zones, stiffnesses, lines = [], [], [], []
     for panel, EI in zip(axes, LOADED, strict=True):
         k = printed.STIFFNESSES.index(EI)
-        drive, state = answers.drives[k], answers.states[k][column]
+        drive, state = solved.drives[k], solved.states[k][column]
         pieces = belt_pieces(state)
         draw_contact(panel, drive, state, pieces)
         panel.set_title(f"{_LABELS[k]}: {said(state)}", fontsize=11)
@@ -83,7 +83,7 @@ def _on_pulleys(
     return Plate(number, figure, data, tuple(lines))
 
 
-def _departure_lines(largest: Answers) -> Iterator[Line]:
+def _departure_lines(largest: SolvedDrives) -> Iterator[Line]:
     names = ("theta_1(0)", "theta_1(L1)", "-theta_2(0)", "-theta_2(L2)")
     for EI, known in printed.FIGURE_5_7.items():
         found = departures(largest.states[printed.STIFFNESSES.index(EI)][HALF])
@@ -91,18 +91,18 @@ def _departure_lines(largest: Answers) -> Iterator[Line]:
             yield compared("Fig. 5.7", f"{name} (deg), EI = {EI:g}", value[0], angle)
 
 
-def _span(answers: Answers, k: int, place: int) -> BeltPiece:
-    pieces = belt_pieces(answers.states[k][0])
+def _span(solved: SolvedDrives, k: int, place: int) -> BeltPiece:
+    pieces = belt_pieces(solved.states[k][0])
     return next(piece for piece in pieces if piece.zone == "span" and piece.place == place)
 
 
-def _along_spans(answers: Answers) -> Plate:
+def _along_spans(solved: SolvedDrives) -> Plate:
     """Tension and speed of the free spans over x, the driver's center at x = 0."""
     figure, axes = panels(4, 1, 6.6, 3.6)
     lines, kept = [], []
     for row, (name, place, _) in enumerate(_SPANS):
         for k, (label, color) in enumerate(zip(_LABELS, COLORS, strict=False)):
-            piece = _span(answers, k, place)
+            piece = _span(solved, k, place)
             x = piece.positions[:, 0]
             axes[2 * row].plot(x, piece.tension, color=color, label=label)
             axes[2 * row + 1].plot(x, piece.speed, color=color, label=label)
@@ -125,17 +125,17 @@ def _along_spans(answers: Answers) -> Plate:
     return Plate("5.5", figure, data, tuple(lines))
 
 
-def _two_models(answers: Answers) -> Plate:
+def _two_models(solved: SolvedDrives) -> Plate:
     """Free spans with their contact points free, and by chapter 3 with those of a string."""
     figure, axes = panels(4, 1, 6.6, 3.4)
-    steady = [fixed_boundaries(drive) for drive in answers.drives]
+    steady = [fixed_boundaries(drive) for drive in solved.drives]
     radius, distance = printed.EQUAL["R"], printed.EQUAL["L"]
     fraction = np.linspace(0.0, 1.0, 241)
     kept, lines = [], []
     for row, (name, place, side) in enumerate(_SPANS):
         free, fixed = axes[row], axes[2 + row]
         for k, (label, color) in enumerate(zip(_LABELS, COLORS, strict=False)):
-            x, y = _span(answers, k, place).positions.T
+            x, y = _span(solved, k, place).positions.T
             free.plot(x, y, color=color, label=label)
             free.plot(x[[0, -1]], y[[0, -1]], "o", color=color, markersize=4)
             w = distance * np.asarray(steady[k].deflection(place, jnp.asarray(fraction)))
@@ -163,11 +163,11 @@ def _two_models(answers: Answers) -> Plate:
     return Plate("5.6", figure, data, tuple(lines))
 
 
-def _over_speed(answers: Answers) -> Plate:
+def _over_speed(solved: SolvedDrives) -> Plate:
     """Largest moment, efficiency and the spans' tensions over speed."""
     tension, radius = printed.UNEQUAL["tension"], printed.UNEQUAL["R2"]
     rows = {name: np.full((len(_LABELS), len(SPEEDS)), np.nan) for name in _OVER_SPEED}
-    for k, states in enumerate(answers.states):
+    for k, states in enumerate(solved.states):
         for j, state in enumerate(states):
             if bool(state.result == bj.RESULTS.successful):
                 rows["moment"][k, j] = float(state.moments[1]) / (radius * tension)

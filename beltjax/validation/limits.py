@@ -12,7 +12,7 @@ import numpy as np
 import beltjax as bj
 from beltjax.analysis.contact import ContactState
 from beltjax.physics.string_contact import string_drive
-from beltjax.validation.contact import HALF, Answers
+from beltjax.validation.contact import HALF, SolvedDrives
 from beltjax.validation.drives import prototype
 from beltjax.validation.printed import steady as given
 from beltjax.validation.spectra import Curves
@@ -23,7 +23,7 @@ _SLOW = 1e-3  # s, at which T/s^2 differs from its limit by less than 1e-6
 _SOLVED = 1e-9  # what iterations leave
 
 
-def lines(over_eps: Curves, regular: Answers, largest: Answers) -> list[Line]:
+def lines(over_eps: Curves, regular: SolvedDrives, largest: SolvedDrives) -> list[Line]:
     """The string's own formulas beside this model at EI = 0."""
     return [
         *_beikmann(over_eps),

@@ -111,9 +111,9 @@ def test_finished_store_is_returned_without_computing(whole):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"count": 51}, r"store\.zarr: designs\.samples: was begun with 50 and is now asked for 51"),
+        ({"count": 51}, r"store\.zarr: designs\.samples: was begun with 50 and is now to have 51"),
         ({"batch": 16}, r"batch: was begun with 8 .* 16; repeat the command that began it, or give"),
-        ({"modes": 2}, r"modes: was begun with 0 and is now asked for 2"),
+        ({"modes": 2}, r"modes: was begun with 0 and is now to have 2"),
     ],
 )  # fmt: skip
 def test_store_of_another_question_is_refused(change, says, whole):

@@ -281,7 +281,7 @@ def test_frequencies_are_those_of_the_single_design(tmp_path):
         alone = bj.modes(bj.linearize(steady, basis), 3)
         np.testing.assert_allclose(data.frequency[k], alone.frequencies, rtol=1e-9)
         assert np.isnan(data.frequency[k - 1]).all()
-    with pytest.raises(bj.FileError, match=r"basis: was begun with .*12.* and is now asked for"):
+    with pytest.raises(bj.FileError, match=r"basis: was begun with .*12.* and is now to have"):
         bj.optimize.explore(drive, point, grid, ["coupling"], store, modes=3)
 
 
