@@ -242,7 +242,8 @@ def running_string(
     # Bolted bodies stand where they were installed.
     still = jnp.zeros_like(rest.coordinates)
     problem = _problem(drive, rest.layout, holding, offsets, moments, scale, rest.installed)
-    problem = problem._replace(flux=jnp.where(good, flux, 0.0))
+    running = jnp.where(good, flux, 0.0)
+    problem = problem._replace(flux=running)
     units = _units(problem.outline.bodies, problem.length)
     levels = (rest.tensions - offsets)[loops.starts] / scale
     start = jnp.concatenate([rest.coordinates / units, levels])
@@ -254,7 +255,7 @@ def running_string(
         held=_replaced(good, holding, spare),
         offsets=jnp.where(good, offsets, 0.0),
         moments=jnp.where(good, moments, 0.0),
-        flux=jnp.where(good, problem.flux, 0.0),
+        flux=jnp.where(good, running, 0.0),
         at=jnp.where(good, problem.at, rest.coordinates),
     )
     root = jnp.where(good, found.root, jax.lax.stop_gradient(start))
