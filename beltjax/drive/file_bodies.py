@@ -48,7 +48,7 @@ class Spring(NamedTuple):
     damping: float
 
 
-class Bodies(NamedTuple):
+class BodiesOfFile(NamedTuple):
     """The tensioners of a file, parents first, and the springs between them."""
 
     bodies: list[Body]
@@ -91,7 +91,7 @@ def arm_direction(centers: Any, pivot: Any) -> float:
     return float(np.arctan2(y, x))
 
 
-def read_bodies(file: DriveTable, shafts: Sequence[Sequence[str]], path: object) -> Bodies:
+def read_bodies(file: DriveTable, shafts: Sequence[Sequence[str]], path: object) -> BodiesOfFile:
     """The tensioners of a file whose pulleys are on these shafts; raises `FileError`."""
     bodies, springs = _expanded(file, path)
     if len(bodies) > _MOST_BODIES:
@@ -108,7 +108,7 @@ def read_bodies(file: DriveTable, shafts: Sequence[Sequence[str]], path: object)
             raise FileError(path, f"{body.key}.pulleys", message)
     kinds = {body.name: body.kind for body in bodies}
     made = [make(kinds) for make in springs.values()]
-    return Bodies(bodies, made)
+    return BodiesOfFile(bodies, made)
 
 
 def _expanded(file: DriveTable, path: object) -> tuple[list[Body], dict[tuple[str, str], Any]]:
@@ -279,7 +279,7 @@ def _require_carried(file: DriveTable, bodies: list[Body], path: object) -> list
 
 
 def _with_shafts(bodies: list[Body], shafts: Sequence[Sequence[str]], path: object) -> list[Body]:
-    """Bodies that carry all pulleys of a shaft of which they carry one."""
+    """BodiesOfFile that carry all pulleys of a shaft of which they carry one."""
     owner = {name: body.name for body in bodies for name in body.carried}
     grown = []
     for body in bodies:

@@ -14,7 +14,7 @@ from beltjax.drive.components import (
     Isolator,
     Pulley,
 )
-from beltjax.drive.file_bodies import Bodies
+from beltjax.drive.file_bodies import BodiesOfFile
 from beltjax.drive.file_tables import DriveTable, PulleyTable
 from beltjax.drive.system import Drive, free_name, joined_shafts, repeated_name, span_names
 from beltjax.files.errors import FileError
@@ -182,7 +182,7 @@ def read_listed(file: DriveTable, path: object) -> list[str | None]:
     return [words.get(name) for name in belts]
 
 
-def pulleys_of(wheels: Wheels, of: Bodies, path: object) -> list[Pulley]:
+def pulleys_of(wheels: Wheels, of: BodiesOfFile, path: object) -> list[Pulley]:
     """The pulleys of a file, on the tensioners that carry them."""
     made = []
     for pulley, partner in zip(wheels.pulleys, wheels.partners, strict=True):

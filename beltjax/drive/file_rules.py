@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from beltjax.drive.components import ArmSpring, Tensioner
-from beltjax.drive.file_bodies import SINGLE, Bodies
+from beltjax.drive.file_bodies import SINGLE, BodiesOfFile
 from beltjax.drive.file_tables import DriveTable, RuleTable
 from beltjax.drive.installation import (
     AdjustedToMark,
@@ -24,7 +24,7 @@ from beltjax.files.units import shown
 _KEY = "installation"
 
 
-def read_installation(file: DriveTable, of: Bodies, path: object) -> Installation:
+def read_installation(file: DriveTable, of: BodiesOfFile, path: object) -> Installation:
     """What the installation holds; raises `FileError`."""
     rule, belts = file.installation, [belt.name for belt in file.belts]
     _require_keys(rule, of, len(belts), path)
@@ -56,7 +56,7 @@ def read_installation(file: DriveTable, of: Bodies, path: object) -> Installatio
     return AdjustedToMark(length, _every_free(rule, of, path), adjusted, marked, mark)
 
 
-def _require_keys(rule: RuleTable, of: Bodies, belts: int, path: object) -> None:
+def _require_keys(rule: RuleTable, of: BodiesOfFile, belts: int, path: object) -> None:
     """Raise `FileError` for keys that are missing, or that do not go together."""
     tension, length = rule.tension is not None, rule.belt_length is not None
     adjust, until = rule.adjust is not None, rule.until is not None
@@ -95,7 +95,7 @@ def _require_keys(rule: RuleTable, of: Bodies, belts: int, path: object) -> None
         _require_one_arm(rule, of, path)
 
 
-def _require_one_arm(rule: RuleTable, of: Bodies, path: object) -> None:
+def _require_one_arm(rule: RuleTable, of: BodiesOfFile, path: object) -> None:
     """Raise `FileError` unless there is the one arm whose free angle is given."""
     key = f"{_KEY}.free_angle"
     if not of.bodies:
@@ -139,7 +139,7 @@ def _checked(value: Any, fact: Number, kind: str | None, key: str, path: object)
         raise FileError(path, key, str(error)) from error
 
 
-def _free(rule: RuleTable, of: Bodies, path: object) -> np.ndarray | None:
+def _free(rule: RuleTable, of: BodiesOfFile, path: object) -> np.ndarray | None:
     """Where each spring is relaxed, NaN where the file does not say; None where it says none."""
     if rule.free is None:
         return None
@@ -155,7 +155,7 @@ def _free(rule: RuleTable, of: Bodies, path: object) -> np.ndarray | None:
     return found
 
 
-def _every_free(rule: RuleTable, of: Bodies, path: object) -> np.ndarray:
+def _every_free(rule: RuleTable, of: BodiesOfFile, path: object) -> np.ndarray:
     """Where each spring is relaxed; 0 for one that has no effect and is not given."""
     found = _free(rule, of, path)
     missing = [
@@ -174,17 +174,17 @@ def _every_free(rule: RuleTable, of: Bodies, path: object) -> np.ndarray:
     return np.zeros(len(of.spring_names)) if found is None else np.nan_to_num(found)
 
 
-def _unlocked(of: Bodies) -> np.ndarray:
+def _unlocked(of: BodiesOfFile) -> np.ndarray:
     return np.array([not body.locked for body in of.bodies], bool)
 
 
-def _pulls(of: Bodies) -> np.ndarray:
+def _pulls(of: BodiesOfFile) -> np.ndarray:
     """Which springs act on a tensioner that can move."""
     moves = np.any(of.rows[:, _unlocked(of)] != 0, axis=1)
     return moves & (of.stiffness > 0)
 
 
-def _require_settled(of: Bodies, free: np.ndarray | None, path: object) -> None:
+def _require_settled(of: BodiesOfFile, free: np.ndarray | None, path: object) -> None:
     """Raise `FileError` unless the tension settles just those springs that are not given.
 
     It gives one force for each direction in which springs act.
@@ -209,7 +209,7 @@ def _require_settled(of: Bodies, free: np.ndarray | None, path: object) -> None:
             raise FileError(path, f"{_KEY}.free.{of.spring_names[place]}", message)
 
 
-def _place(name: str, of: Bodies, key: str, path: object) -> int:
+def _place(name: str, of: BodiesOfFile, key: str, path: object) -> int:
     names = [body.name for body in of.bodies]
     if name not in names:
         message = f"there is no tensioner {name!r}; there are: {', '.join(names) or 'none'}"
@@ -217,7 +217,7 @@ def _place(name: str, of: Bodies, key: str, path: object) -> int:
     return names.index(name)
 
 
-def _adjusted(name: str, of: Bodies, path: object) -> np.ndarray:
+def _adjusted(name: str, of: BodiesOfFile, path: object) -> np.ndarray:
     key = f"{_KEY}.adjust"
     place = _place(name, of, key, path)
     if not of.bodies[place].locked:
@@ -226,7 +226,7 @@ def _adjusted(name: str, of: Bodies, path: object) -> np.ndarray:
     return np.eye(len(of.bodies))[place]
 
 
-def _mark(until: dict[str, Any], of: Bodies, path: object) -> tuple[np.ndarray, float]:
+def _mark(until: dict[str, Any], of: BodiesOfFile, path: object) -> tuple[np.ndarray, float]:
     key = f"{_KEY}.until"
     if len(until) != 1:
         raise FileError(path, key, f"found {shown(until)}; give one tensioner and its mark")

@@ -9,7 +9,13 @@ import tomli_w
 
 from beltjax.drive.buildable import require_possible_layout
 from beltjax.drive.components import TRAVELS, ArmSpring, Model, Tensioner, as_real
-from beltjax.drive.file_bodies import Bodies, between, bodies_content, read_bodies, require_one_arm
+from beltjax.drive.file_bodies import (
+    BodiesOfFile,
+    between,
+    bodies_content,
+    read_bodies,
+    require_one_arm,
+)
 from beltjax.drive.file_pulleys import (
     Wheels,
     belts_of,
@@ -113,7 +119,7 @@ def _by_name(numbers: dict[str, Any]) -> dict[str, float]:
     return {name: float(value) for name, value in numbers.items()}
 
 
-def _tensioners(of: Bodies) -> list[Tensioner]:
+def _tensioners(of: BodiesOfFile) -> list[Tensioner]:
     names = [body.name for body in of.bodies]
     return [
         Tensioner(
@@ -127,7 +133,7 @@ def _tensioners(of: Bodies) -> list[Tensioner]:
     ]
 
 
-def _arm_springs(of: Bodies) -> list[ArmSpring]:
+def _arm_springs(of: BodiesOfFile) -> list[ArmSpring]:
     names = [body.name for body in of.bodies]
     return [
         ArmSpring(between(spring, names), spring.stiffness, spring.damping, spring.name)
