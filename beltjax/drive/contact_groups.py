@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from beltjax.drive.bodies import Springs, bodies, springs
-from beltjax.drive.groups import Scales
+from beltjax.drive.groups import Scales, ways
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.numerics.rigid_bodies import Bodies
@@ -83,7 +83,7 @@ def contact_groups(
             carried=of.carried[order],
             carries=of.carries[order],
             pivots=of.pivots / length,
-            stops=of.stops / units[:, None],
+            stops=ways(of.stops, jnp.zeros_like(units), units),
         ),
         units=units,
         housed=jax.lax.stop_gradient(jnp.stack([p.housed for p in drive.pulleys]))[order],

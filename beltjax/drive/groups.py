@@ -149,7 +149,7 @@ def groups_and_scales(
         curvatures=at.curvatures * counted * by[:, None] * units,
         springs=of_springs.matrix * units[:, None] * units / energy,
         movable=1.0 - of.locked,
-        ways=(of.stops - at.coordinates[:, None]) / units[:, None],
+        ways=ways(of.stops, at.coordinates, units),
         stop_forces=stop_forces * units / energy,
         arm_damping=jnp.einsum("s,sa,sb->ab", of_springs.damping, of_springs.rows, of_springs.rows)
         * units[:, None]
@@ -167,6 +167,13 @@ def groups_and_scales(
         loop_sizes=drive.loop_sizes,
     )
     return groups, Scales(length=length, tension=base_tension, time=time)
+
+
+def ways(stops, coordinates, units) -> Float[Array, "coordinates 2"]:
+    """To the stops, over the units; of stops that are not there, infinite without a derivative."""
+    there = jnp.isfinite(stops)
+    left = jnp.where(there, stops, 0.0) - coordinates[:, None]
+    return jnp.where(there, left / units[:, None], jax.lax.stop_gradient(stops))
 
 
 def _unstretched(drive: Drive, at: Layout, tensions, axial, loops: Loops):
