@@ -58,6 +58,7 @@ if TYPE_CHECKING:
         tensioner_unstable: "RESULTS"
         span_slack: "RESULTS"
         belt_stiff_on_pulley: "RESULTS"
+        tensioner_moves_far: "RESULTS"
         steady_state_not_found: "RESULTS"
         beam_unusable: "RESULTS"
         beyond_critical_speed: "RESULTS"
@@ -140,6 +141,11 @@ else:
         span_slack = (
             "A span has lost its tension. Raise the pretension or lower the belt speed or the "
             "torques; `reference.tensions` shows the spans' tensions at rest."
+        )
+        tensioner_moves_far = (
+            "A tensioner moves by more than 0.1 rad, or a tenth of a mean span, where the model is "
+            "linear in its motion. Compare with [model] stretching_arcs, which is exact for the "
+            "string, or with `contact_state`."
         )
         belt_stiff_on_pulley = (
             "The belt is stiff for a pulley: sqrt(EI/T)/radius is above 0.15, so that it touches "

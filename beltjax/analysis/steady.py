@@ -30,6 +30,7 @@ from beltjax.results import (
     succeeded,
 )
 
+FARTHEST = 0.1  # motion [rad], or in mean spans, above which linear equations are off
 STIFFEST = 0.15  # sqrt(EI/T)/radius above which a state of fixed contact points is off
 
 
@@ -224,6 +225,7 @@ def _steady_state(drive: Drive, point: OperatingPoint, method: AbstractSteadyMet
     reach = loops.spread(groups.bendings) / jnp.sqrt(weaker)
     stiffness_ratios = reach / groups.radius_ratios
     stiff = runs & (jnp.max(stiffness_ratios) > STIFFEST)
+    far = runs & jnp.any(jnp.abs(solved.q) > FARTHEST)
     # All spans of a belt gain the same tension.
     gained = groups.tensions[loops.starts] - begins[loops.starts] + solved.T
     change = jnp.where(runs, gained, 0.0)
@@ -251,7 +253,9 @@ def _steady_state(drive: Drive, point: OperatingPoint, method: AbstractSteadyMet
         reference=reference,
         error=solved.residual,
         result=result,
-        warning=first_failure((stiff, RESULTS.belt_stiff_on_pulley)),
+        warning=first_failure(
+            (stiff, RESULTS.belt_stiff_on_pulley), (far, RESULTS.tensioner_moves_far)
+        ),
         stats={"steps": solved.steps, "reference_steps": reference.stats["steps"]},
         method=method,
     )

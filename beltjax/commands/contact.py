@@ -28,6 +28,7 @@ def _document() -> type["Document"]:
     show_default=True,
     help="Take T = EA e, or the law that conserves energy.",
 )
+@click.option("--belt", metavar="NAME", help="Take this one of several belts.")
 @json_option
 @figure_option
 @click.option(
@@ -37,6 +38,7 @@ def contact(
     drive_file: str,
     maximum: bool,
     law: Any,
+    belt: str | None,
     json_path: str | None,
     figure: str | None,
     compare: str | None,
@@ -46,7 +48,7 @@ def contact(
     def work(advance: Advance) -> "Report":
         from beltjax.commands.reports.contact import contact_report
 
-        return contact_report(drive_file, maximum, law, figure, compare)
+        return contact_report(drive_file, maximum, law, belt, figure, compare)
 
     answer(
         work, read=drive_file, json=json_path, pictures=(figure, compare), busy="solving contact"

@@ -20,6 +20,7 @@ class Transmission(NamedTuple):
     travel: Float[Array, " pulleys"]  # +1 where that belt runs as listed, -1 where against
     torques: Float[Array, " pulleys"]  # taken from that belt [N m]
     turning: Float[Array, " pulleys"]  # +1 where the pulley turns counterclockwise, -1 clockwise
+    gives: Float[Array, " pulleys"]  # 1 for the pulley that gives its belt what the others take
 
 
 def transmission(drive: Drive, point: "OperatingPoint") -> Transmission:
@@ -63,6 +64,7 @@ def transmission(drive: Drive, point: "OperatingPoint") -> Transmission:
         travel=travel,
         torques=torques,
         turning=travel * left,
+        gives=jnp.asarray(near),
     )
 
 

@@ -29,6 +29,7 @@ from beltjax.drive.canonical import canonical
 from beltjax.drive.files import load_drive
 from beltjax.drive.installation import BeltGiven
 from beltjax.drive.layout import layout
+from beltjax.drive.one_belt import one_belt
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
@@ -92,6 +93,7 @@ def contact_report(
     path: str | os.PathLike[str],
     maximum: bool,
     law: Law,
+    belt: str | None,
     figure: str | None,
     compare: str | None,
 ) -> Report:
@@ -102,7 +104,7 @@ def contact_report(
     Raises `FileError` where the file leaves out what contact needs; a state that is not physical
     is a report with a `failure`.
     """
-    drive, point = load_drive(path)
+    drive, point = _the_belt(*load_drive(path), belt, path)
     bare = without_friction(drive, point, maximum)
     if bare is not None:
         message = "is missing; this pulley has torque, which friction holds"
@@ -117,6 +119,20 @@ def contact_report(
     files = _pictures(drive, point, state, figure, compare) if document["pulleys"] else ()
     failure = str(FileError(path, why.key, why.message)) if why else ""
     return Report(document, contact_tables(document), failure, files)
+
+
+def _the_belt(
+    drive: Drive, point: OperatingPoint, belt: str | None, path: str | os.PathLike[str]
+) -> tuple[Drive, OperatingPoint]:
+    """The drive of one belt: the only one, or the one that the option names."""
+    names = [one.name for one in drive.belts]
+    if belt is None and len(names) > 1:
+        message = f"contact is found for one belt at a time; give one of {', '.join(names)}"
+        raise FileError("--belt", "", message)
+    try:
+        return one_belt(drive, point, belt or names[0])
+    except (KeyError, ValueError) as error:
+        raise FileError("--belt", "", str(error.args[0]).rstrip(".")) from error
 
 
 def _pictures(

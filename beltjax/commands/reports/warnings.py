@@ -6,7 +6,7 @@ import numpy as np
 from rich.text import Text
 
 from beltjax.analysis.response import Response
-from beltjax.analysis.steady import STIFFEST, SteadyState, steady_state
+from beltjax.analysis.steady import FARTHEST, STIFFEST, SteadyState, steady_state
 from beltjax.analysis.sweep import Sweep
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
@@ -17,9 +17,48 @@ Warnings = list[dict[str, str]]
 
 def steady_warnings(drive: Drive, steady: SteadyState) -> Warnings:
     """Warn where a steady state leaves the limits of its model."""
-    if not succeeded(steady.result) or succeeded(steady.warning):
+    if not succeeded(steady.result):
         return []
-    return _stiff_belts(drive, np.asarray(steady.stiffness_ratios))
+    return [
+        *_stiff_belts(drive, np.asarray(steady.stiffness_ratios)),
+        *_far_tensioners(drive, steady),
+        *_idle_dampers(drive),
+    ]
+
+
+def _far_tensioners(drive: Drive, steady: SteadyState) -> Warnings:
+    """Tensioners that move so far that equations linear in their motion are off."""
+    moved = np.abs(np.asarray(steady.deviation) / np.asarray(steady.groups.units))
+    far = [
+        f"{body.name} ({change:.2g})"
+        for body, change in zip(drive.tensioners, moved, strict=True)
+        if change > FARTHEST
+    ]
+    if not far:
+        return []
+    text = (
+        f"running moves {', '.join(far)} by more than {FARTHEST:g} rad, or mean spans of a linear "
+        "one, for which the equations, linear in that motion, are off; with [model] "
+        "stretching_arcs = true the running string is exact"
+    )
+    return [{"code": "tensioner_moves_far", "text": text}]
+
+
+def _idle_dampers(drive: Drive) -> Warnings:
+    """Dampers on the hub of the driver, whose motion is given: they change nothing."""
+    drives = np.asarray(drive.drives)
+    idle = [
+        damper.name
+        for damper in drive.dampers
+        if not float(damper.on_rim) and float(np.asarray(damper.pulley) @ drives)
+    ]
+    if not idle:
+        return []
+    text = (
+        f"the damper on the hub of {', '.join(idle)} has no effect: the motion of the driver's hub "
+        'is given; put it on the rim of an isolator (at = "rim") if it is there'
+    )
+    return [{"code": "damper_on_given_motion", "text": text}]
 
 
 def drive_warnings(drive: Drive, point: OperatingPoint) -> Warnings:
