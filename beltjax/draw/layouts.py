@@ -11,11 +11,10 @@ from matplotlib.figure import Figure
 
 from beltjax.analysis.modes import Modes
 from beltjax.draw.labels import mode_labels
-from beltjax.drive.bodies import bodies
+from beltjax.drive.bodies import bodies, moved_pivots, moved_pulleys
 from beltjax.drive.layout import Layout, Loops
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
-from beltjax.numerics.rigid_bodies import placed
 
 # Okabe and Ito's palette, which people with any color vision can tell apart.
 BEFORE, AFTER, ARM = "#999999", "#0072B2", "#D55E00"
@@ -75,9 +74,7 @@ def draw_bodies(axes: Axes, drive: Drive, coordinates: np.ndarray, style: str, c
         return
     of, centers = bodies(drive), np.asarray(drive.centers)
     at = jnp.asarray(coordinates)
-    apart = of.above - jnp.eye(len(drive.tensioners))
-    pulleys = placed(of, drive.centers[:, 0], drive.centers[:, 1], of.carried, at)
-    pivots = placed(of, of.pivots[:, 0], of.pivots[:, 1], apart, at)
+    pulleys, pivots = moved_pulleys(drive, at), moved_pivots(drive, at)
     tips = 1e3 * np.stack([pulleys.x, pulleys.y], axis=-1)
     feet = 1e3 * np.stack([pivots.x, pivots.y], axis=-1)
     reach = 50 * np.ptp(centers, axis=0).max()
@@ -159,8 +156,7 @@ def draw_mode(
     rotations = turn * np.real(modes.rotations[k])
     moved = np.real(np.asarray(modes.tensioner_motions[k]))
     reach = [np.max(np.abs(spans)), np.max(np.abs(radii * rotations))]
-    of = bodies(drive)
-    there = placed(of, drive.centers[:, 0], drive.centers[:, 1], of.carried, at.coordinates)
+    there = moved_pulleys(drive, at.coordinates)
     travel_of = np.hypot(np.asarray(there.by_x @ moved), np.asarray(there.by_y @ moved))
     reach.append(np.max(travel_of, initial=0.0))
     scale = _REACH * float(np.ptp(np.asarray(at.starts), axis=0).max()) / max(reach)

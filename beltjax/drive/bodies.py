@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from beltjax.drive.system import Drive
-from beltjax.numerics.rigid_bodies import Bodies, placed
+from beltjax.numerics.rigid_bodies import Bodies, Placed, placed
 
 Coordinates = Float[Array, " coordinates"]
 
@@ -37,6 +37,19 @@ def bodies(drive: Drive) -> Bodies:
         locked=fixed(jnp.stack([body.locked for body in parts])),
         stops=jnp.stack([body.stops for body in parts]),
     )
+
+
+def moved_pulleys(drive: Drive, coordinates: Coordinates) -> Placed:
+    """The centers of the pulleys [m] with the tensioners at these coordinates."""
+    of = bodies(drive)
+    return placed(of, drive.centers[:, 0], drive.centers[:, 1], of.carried, coordinates)
+
+
+def moved_pivots(drive: Drive, coordinates: Coordinates) -> Placed:
+    """The pivots of the tensioners [m], which move with the bodies that they are on."""
+    of = bodies(drive)
+    below = of.above - jnp.eye(len(drive.tensioners))
+    return placed(of, of.pivots[:, 0], of.pivots[:, 1], below, coordinates)
 
 
 def single_arm(drive: Drive) -> bool:

@@ -57,17 +57,13 @@ def placed(
         center_x, center_y = of.pivots[a, 0], of.pivots[a, 1]
         shift_x, shift_y = slide * of.directions[a, 0], slide * of.directions[a, 1]
 
-        def moved(px, py, flags, cos=cos, sin=sin, center=(center_x, center_y)):
-            from_x, from_y = px - center[0], py - center[1]
-            return flags * (cos * from_x - sin * from_y), flags * (sin * from_x + cos * from_y)
-
-        dx, dy = moved(x, y, carried[:, a])
+        dx, dy = _turned(x - center_x, y - center_y, cos, sin, carried[:, a])
         x, y = x + dx + carried[:, a] * shift_x, y + dy + carried[:, a] * shift_y
         if count > 1:
-            dx, dy = moved(pivot_x, pivot_y, apart[:, a])
+            dx, dy = _turned(pivot_x - center_x, pivot_y - center_y, cos, sin, apart[:, a])
             pivot_x = pivot_x + dx + apart[:, a] * shift_x
             pivot_y = pivot_y + dy + apart[:, a] * shift_y
-            dx, dy = moved(along_x, along_y, apart[:, a], center=(0.0, 0.0))
+            dx, dy = _turned(along_x, along_y, cos, sin, apart[:, a])
             along_x, along_y = along_x + dx, along_y + dy
     slides = 1.0 - of.rotary
     by_x = carried * (of.rotary * (pivot_y - y[:, None]) + slides * along_x)
@@ -77,3 +73,10 @@ def placed(
     twice_x = -(lower * by_y[:, None, :] + upper * by_y[:, :, None])
     twice_y = lower * by_x[:, None, :] + upper * by_x[:, :, None]
     return Placed(x, y, by_x, by_y, twice_x, twice_y)
+
+
+def _turned(
+    x: Array, y: Array, cos: Array, sin: Array, flags: Float[Array, " points"]
+) -> tuple[Array, Array]:
+    """How far a turn takes the flagged points (x, y); `cos` is that of the angle less 1."""
+    return flags * (cos * x - sin * y), flags * (sin * x + cos * y)
