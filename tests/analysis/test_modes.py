@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from drives import at_groups, example, vibrating, with_inertias
-from published import Value, assert_matches_print
+from published import ARM, RADII, Value, assert_matches_print
 from vibration import (
     companion_frequencies,
     held,
@@ -42,7 +42,7 @@ def test_string_limit_of_table_4_1(basis):
 
 def test_string_limit_by_the_exact_route():
     model, others = source_model(0.0, 0.0), jnp.array([1, 2])
-    below = jax.jit(lambda w: characteristic(model, others, True, w).below)
+    below = jax.jit(lambda w: characteristic(model, others, w).below)
     for number, (converged, _) in enumerate(STRING.values(), start=1):
         assert below(converged.number - converged.half_digit) == number - 1
         assert below(converged.number + converged.half_digit) == number
@@ -51,7 +51,7 @@ def test_string_limit_by_the_exact_route():
 def test_captions_follow_from_a_slip_in_the_inertia():
     # To the digits to which the print's rounded inputs fix them.
     model = source_model(0.0, 0.0)
-    slipped = model._replace(J=model.J * model.r / model.rho)
+    slipped = model._replace(M_r=model.M_r * (RADII / ARM))
     M, _, K = held(matrices(slipped, bj.Legendre(40)), 3)
     found = np.sqrt(scipy.linalg.eigh(K, M, eigvals_only=True)[:4])
     assert found[1] == pytest.approx(3.0951, abs=1.5e-4)
@@ -125,7 +125,7 @@ def test_counts_between_frequencies():
     lin = linearized("three_pulley", 0.04, 0.5, bj.Legendre(40))
     reference, _ = companion_frequencies(lin.mass, lin.gyroscopic, lin.stiffness)
     between = (reference[:20] + reference[1:21]) / 2
-    count = jax.jit(jax.vmap(lambda w: characteristic(lin.model, lin.pulleys, True, w).below))
+    count = jax.jit(jax.vmap(lambda w: characteristic(lin.model, lin.rotors, w).below))
     np.testing.assert_array_equal(count(jnp.asarray(between)), np.arange(1, 21))
 
 
@@ -150,8 +150,8 @@ def test_shapes_satisfy_the_equations_and_are_orthogonal():
         residual = (K + 1j * w * G - w**2 * M) @ shape
         assert np.abs(residual).max() < 1e-10 * np.abs(K @ shape).max()
     energy = np.outer(omega, omega) * (v.conj() @ M @ v.T) + v.conj() @ K @ v.T
-    # 1 joule: a quarter of the Hermitian form, in P0 r_t.
-    joule = float(lin.scales.tension * lin.model.rho * lin.scales.length)
+    # 1 joule: a quarter of the Hermitian form, in P0 l.
+    joule = float(lin.scales.energy)
     np.testing.assert_allclose(energy / 4 * joule, np.eye(6), atol=1e-9)
     shares = found.span_shares.sum(1) + found.rotor_shares.sum(1) + found.tensioner_shares
     np.testing.assert_allclose(shares, 1.0, rtol=1e-12)
