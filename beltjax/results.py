@@ -54,7 +54,6 @@ if TYPE_CHECKING:
         belt_too_short: "RESULTS"
         belt_overstretched: "RESULTS"
         arm_at_stop: "RESULTS"
-        stops_cycle: "RESULTS"
         tensioner_unstable: "RESULTS"
         span_slack: "RESULTS"
         belt_stiff_on_pulley: "RESULTS"
@@ -129,10 +128,6 @@ else:
         arm_at_stop = (
             "The tensioner's arm would pass one of its stops. Widen tensioner.stops, or change "
             "the belt length, the tension or the torques."
-        )
-        stops_cycle = (
-            "No set of stops is consistent: a tensioner leaves each stop that holds it and comes "
-            "back. Widen its stops, or look for two positions in which the drive can rest."
         )
         tensioner_unstable = (
             "The springs do not hold a tensioner against the belt: it is over center and snaps "

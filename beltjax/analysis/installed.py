@@ -121,6 +121,9 @@ def installed_by_tension(drive: Drive, drawn: Layout, loops: Loops) -> Installed
     still, sure = jnp.zeros(count), jnp.array(True)
     if not count:
         return Installed(still, tensions, held_by_tensions(drive, drawn, of_span), sure)
+    if isinstance(rule, TensionGiven) and rule.as_drawn:
+        held_there = jnp.sum(springs(drive).floating) == 0
+        return Installed(still, tensions, held_by_tensions(drive, drawn, of_span), held_there)
     of, found = outline(drive), springs(drive)
     length = jax.lax.stop_gradient(jnp.mean(drawn.span_lengths))
     units = jax.lax.stop_gradient(jnp.where(of.bodies.rotary > 0, 1.0, length))

@@ -20,7 +20,6 @@ from beltjax.analysis.installed import (
     installed_by_tension,
     unstretched,
 )
-from beltjax.compiling.batched_loops import in_lanes_of
 from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.bodies import bodies, springs
 from beltjax.drive.canonical import canonical
@@ -47,7 +46,6 @@ from beltjax.results import (
 )
 
 LARGEST_STRAIN = 0.1  # beyond this a belt is not stretched but broken
-_SMALLEST_LOAD = 1 / 64  # of the torques, in one step from a solution to the next
 
 
 class ReferenceState(Readable):
@@ -111,13 +109,10 @@ class RunningString(NamedTuple):
 
 
 class _Rest(NamedTuple):
-    """Where the bodies come to rest, and which stops hold them."""
+    """Where a search for the bodies' rest has ended."""
 
     root: Float[Array, " unknowns"]
-    below: Bool[Array, " coordinates"]
-    above: Bool[Array, " coordinates"]
     found: Bool[Array, ""]
-    cycles: Bool[Array, ""]  # no set of stops is consistent
     residual: Float[Array, ""]
     steps: Int[Array, ""]
 
@@ -131,7 +126,7 @@ def reference_state(drive: Drive, point: OperatingPoint, *, throw: bool = True) 
     Solves docs/theory/reference_state.md, (R1) to (R3), for any bodies.
 
     Fails with `numbers_unusable`, the layout's results, `belt_does_not_fit`, `belt_too_long`,
-    `belt_too_short` (strain above a tenth), `stops_cycle`, `tensioner_unstable` or `span_slack`.
+    `belt_too_short` (strain above a tenth), `tensioner_unstable` or `span_slack`.
     Failed lanes of a batch hold finite numbers, the state's own where it was found (`span_slack`)
     and placeholders elsewhere, with zero derivatives.
     """
@@ -166,19 +161,10 @@ def _printed_state(drive, point, drawn, tension, tensions) -> ReferenceState:
         (jnp.any((stops[:, 0] > 0) | (stops[:, 1] < 0)), RESULTS.arm_at_stop),
     )
     base = jnp.broadcast_to(tension, (len(drive.belts),))
-    rest = _Rest(still, still > 0, still > 0, jnp.array(True), jnp.array(False), still, still)
-    return _state(
-        drive,
-        transmission(drive, point),
-        drawn,
-        tensions,
-        base,
-        still,
-        holding,
-        rest,
-        still,
-        result,
-    )
+    none = jnp.zeros(())
+    rest = _Rest(still, jnp.array(True), none, jnp.array(0))
+    driven, stands = transmission(drive, point), (still, still)
+    return _state(drive, driven, drawn, drawn, tensions, base, still, holding, rest, stands, result)
 
 
 def _solved_state(drive, point, drawn) -> ReferenceState:
@@ -210,24 +196,28 @@ def _solved_state(drive, point, drawn) -> ReferenceState:
         moments=jnp.where(good, problem.moments, 0.0),
         at=jnp.where(good, at, 0.0),
     )
-    unknown = _root(problem, loops, rest, good, base)
     count = len(drive.tensioners)
+    spare_root = jnp.concatenate([jnp.zeros(count), base / scale])
+    unknown = _root(problem, loops, rest, good, spare_root)
     turn = unknown[:count] * _units(problem.outline.bodies, problem.length)
     moved = layout(drive, turn, throw=False)
     tensions = loops.spread(unknown[count:]) * scale + problem.offsets
     push = _push(moved, turn, tensions, problem)
     locked = problem.outline.bodies.locked
-    reactions = jnp.where((rest.below | rest.above) & good, push, 0.0)
-    stable = _is_stable(drive, moved, tensions, rest, locked)
+    at_stop = jnp.where(good, _stopped(turn, push, problem), 0.0)
+    reactions = jnp.where(at_stop != 0, push, 0.0)
+    stable = _is_stable(drive, moved, tensions, at_stop, locked)
     result = first_failure(
         (~fits, bare),
-        (rest.cycles, RESULTS.stops_cycle),
         (~rest.found, RESULTS.belt_does_not_fit),
         (~succeeded(moved.result), moved.result),
         (jnp.any(tensions <= 0), RESULTS.span_slack),
         (~stable, RESULTS.tensioner_unstable),
     )
-    return _state(drive, driven, moved, tensions, base, at, problem.held, rest, reactions, result)
+    stops = at_stop, reactions
+    return _state(
+        drive, driven, drawn, moved, tensions, base, at, problem.held, rest, stops, result
+    )
 
 
 def running_string(
@@ -258,8 +248,7 @@ def running_string(
         flux=jnp.where(good, running, 0.0),
         at=jnp.where(good, problem.at, rest.coordinates),
     )
-    root = jnp.where(good, found.root, jax.lax.stop_gradient(start))
-    unknown = _root_at(safe, loops, found, good, root)
+    unknown = _root(safe, loops, found, good, start)
     count = len(drive.tensioners)
     place = unknown[:count] * units
     moved = layout(drive, place, throw=False)
@@ -267,12 +256,12 @@ def running_string(
     momentum = _momentum(tensions, safe, loops)
     push = _push(moved, place, tensions - momentum, safe)
     result = first_failure(
-        (found.cycles, RESULTS.stops_cycle),
         (~found.found, RESULTS.steady_state_not_found),
         (~succeeded(moved.result), moved.result),
         (jnp.any(tensions <= momentum), RESULTS.span_slack),
     )
-    reactions = jnp.where((found.below | found.above) & good, push, still)
+    held_by_stops = _stopped(place, push, safe) != 0
+    reactions = jnp.where(held_by_stops & good, push, still)
     return RunningString(moved, tensions, jnp.asarray(momentum), reactions, result)
 
 
@@ -314,7 +303,6 @@ def _bare_state(drive: Drive, loops: Loops, problem: _Problem, drawn: Layout):
     tensions = rest.root[count:] * problem.scale
     result = first_failure(
         (~succeeded(drawn.result), drawn.result),
-        (rest.cycles, RESULTS.stops_cycle),
         (~rest.found, RESULTS.belt_does_not_fit),
         (jnp.any(tensions <= 0), RESULTS.belt_too_long),
         (jnp.any(tensions / problem.EA > LARGEST_STRAIN), RESULTS.belt_too_short),
@@ -324,7 +312,7 @@ def _bare_state(drive: Drive, loops: Loops, problem: _Problem, drawn: Layout):
     spare = held_by_tensions(drive, drawn, loops.spread(level))
     holding = _replaced(fits, problem.held, spare)
     safe = problem._replace(held=holding, at=jnp.where(fits, problem.at, 0.0))
-    unknown = _root(safe, loops, rest, fits, level)
+    unknown = _root(safe, loops, rest, fits, jnp.concatenate([still, level / problem.scale]))
     at = unknown[:count] * _units(problem.outline.bodies, problem.length)
     return unknown[count:] * problem.scale, at, holding, result
 
@@ -335,10 +323,10 @@ def _replaced(good, held: Held, spare: Held) -> Held:
 
 
 def _state(
-    drive, driven: Transmission, at, tensions, base, installed, holding, rest, reactions, result
+    drive, driven: Transmission, drawn, at, tensions, base, installed, holding, rest, stops, result
 ) -> ReferenceState:
-    single = len(drive.tensioners) == 1
-    drawn_angle = layout(drive, throw=False).arm_angle if single else None
+    single, (at_stop, reactions) = len(drive.tensioners) == 1, stops
+    drawn_angle = drawn.arm_angle if single else None
     return ReferenceState(
         layout=at,
         tensions=tensions,
@@ -346,15 +334,15 @@ def _state(
         coordinates=at.coordinates,
         installed=installed,
         free=holding.free,
-        at_stop=jnp.where(rest.below, -1.0, jnp.where(rest.above, 1.0, 0.0)),
+        at_stop=at_stop,
         stop_reactions=reactions,
         arm_angle=None if drawn_angle is None else drawn_angle + at.coordinates[0],
         free_angle=None if drawn_angle is None else drawn_angle + holding.free[0],
         unstretched_lengths=holding.lengths,
         torques=driven.torques,
-        error=jnp.max(jnp.abs(rest.residual), initial=0.0),
+        error=rest.residual,
         result=result,
-        stats={"steps": jnp.sum(rest.steps, dtype=int)},
+        stats={"steps": rest.steps},
     )
 
 
@@ -408,7 +396,14 @@ def _residuals(unknown: Float[Array, " unknowns"], problem: _Problem, loops: Loo
     length = unstretched(problem.EA, at, tensions, loops) - problem.held.lengths
     push = _push(at, coordinates, pulling, problem) * units / (problem.scale * problem.length)
     place = (coordinates + problem.marks @ coordinates - problem.at) / units
-    balance = jnp.where(problem.fixed > 0, place, push)
+    # What the push would move beyond a stop stands there: zero exactly where a stop's force, which
+    # only pushes, balances the rest.
+    stops = problem.outline.bodies.stops
+    there = jnp.isfinite(stops)
+    ends = jnp.where(there, jnp.where(there, stops, 0.0) / units[:, None], stops)
+    wanted = jnp.clip(unknown[:count] - push, ends[:, 0], ends[:, 1])
+    free = unknown[:count] - wanted
+    balance = jnp.where(problem.fixed > 0, place, free)
     return jnp.concatenate([balance, length / problem.length])
 
 
@@ -420,95 +415,37 @@ def _momentum(tensions, problem: _Problem, loops: Loops) -> Array | float:
 
 
 def _search(problem: _Problem, loops: Loops, start: Float[Array, " unknowns"]) -> _Rest:
-    """Coordinates and tension levels by Newton's method, and the stops that hold them.
-
-    Torques that are too much at once are followed from none. What is beyond a stop is then held
-    there, and what a stop would have to pull is released, until neither happens.
-    """
+    """Coordinates and tension levels by Newton's method, at whatever stops hold them."""
     problem, start = jax.lax.stop_gradient((problem, start))
     count = len(problem.fixed)
-    units = _units(problem.outline.bodies, problem.length)
-    stops = problem.outline.bodies.stops
     # A slack or a tenfold tension may be passed on the way; a body must not jump.
     largest = jnp.concatenate([jnp.full(count, LARGEST_MOVE), jnp.full(len(loops.sizes), 20.0)])
-
-    def under(load, below, above) -> _Problem:
-        held = jnp.where(below | above, 1.0, 0.0)
-        stop = jnp.where(below, stops[:, 0], jnp.where(above, stops[:, 1], 0.0))
-        if problem.flux is None:
-            now = problem._replace(offsets=load * problem.offsets, moments=load * problem.moments)
-        else:
-            now = problem._replace(flux=load * problem.flux)
-        return now._replace(
-            fixed=jnp.maximum(problem.fixed, held),
-            at=jnp.where(held > 0, stop, problem.at),
-        )
-
-    def body(state):
-        rest, load, step, _, rounds = state
-        now = under(load + step, rest.below, rest.above)
-        found = system_root(lambda x: _residuals(x, now, loops), rest.root, largest)
-        good = found.converged & jnp.all(jnp.isfinite(found.root))
-        root = jnp.where(good, found.root, rest.root)
-        reached = jnp.where(good, load + step, load)
-        whole = good & (reached >= 1)
-        coordinates = root[:count] * units
-        at = belt_path(problem.outline, loops, coordinates)
-        tensions = loops.spread(root[count:]) * problem.scale + now.offsets
-        push = _push(at, coordinates, tensions - _momentum(tensions, now, loops), now)
-        free = problem.fixed == 0
-        below = free & jnp.where(rest.below, push > 0, coordinates < stops[:, 0])
-        above = free & jnp.where(rest.above, push < 0, coordinates > stops[:, 1])
-        changed = jnp.any((below != rest.below) | (above != rest.above))
-        next_step = jnp.where(good, jnp.minimum(2 * step, 1 - reached), step / 2)
-        # At full load only the stops change, and a failure there is one for good.
-        lost = ~good & (step < _SMALLEST_LOAD)
-        rest = _Rest(
-            root,
-            jnp.where(whole, below, rest.below),
-            jnp.where(whole, above, rest.above),
-            whole & ~changed,
-            whole & changed,
-            jnp.max(jnp.abs(found.residual)),
-            rest.steps + found.steps,
-        )
-        return rest, reached, next_step, lost, rounds + whole
-
-    def unfinished(state):
-        rest, _, _, lost, rounds = state
-        return ~rest.found & ~lost & (rounds < 2 * count + 2)
-
-    none = jnp.zeros(count, bool)
-    no = jnp.array(False)
-    begin = _Rest(start, none, none, no, no, jnp.zeros(()), jnp.array(0))
-    state = in_lanes_of(start, (begin, jnp.zeros(()), jnp.ones(()), no, jnp.array(0)))
-    rest, _, _, lost, _ = jax.lax.while_loop(unfinished, body, state)
-    return rest._replace(cycles=rest.cycles & ~rest.found & ~lost)
+    found = system_root(lambda x: _residuals(x, problem, loops), start, largest)
+    good = found.converged & jnp.all(jnp.isfinite(found.root))
+    return _Rest(found.root, good, jnp.max(jnp.abs(found.residual)), found.steps)
 
 
-def _root(problem: _Problem, loops: Loops, rest: _Rest, good, base) -> Array:
-    """Coordinates and tensions with their derivatives; the drawn, torque-free state where not good.
+def _root(problem: _Problem, loops: Loops, rest: _Rest, good, spare) -> Array:
+    """Coordinates and tensions with their derivatives, or `spare` where not good.
 
     `problem` is harmless where it is not good.
     """
-    spare = jnp.concatenate([jnp.zeros_like(problem.at), base / problem.scale])
     root = jnp.where(good, rest.root, jax.lax.stop_gradient(spare))
-    return _root_at(problem, loops, rest, good, root)
-
-
-def _root_at(problem: _Problem, loops: Loops, rest: _Rest, good, root) -> Array:
-    """`root`, where stops hold what they hold `rest`, with its derivatives."""
-    stops = problem.outline.bodies.stops
-    held = (rest.below | rest.above) & good
-    stop = jnp.where(rest.below, stops[:, 0], stops[:, 1])
-    problem = problem._replace(
-        fixed=jnp.maximum(problem.fixed, jnp.where(held, 1.0, 0.0)),
-        at=jnp.where(held, stop, problem.at),
-    )
     return implicit_root(lambda x, p: _residuals(x, p, loops), problem, root)
 
 
-def _is_stable(drive: Drive, at: Layout, tensions, rest: _Rest, locked) -> Bool[Array, ""]:
+def _stopped(coordinates, push, problem: _Problem) -> Float[Array, " coordinates"]:
+    """-1 where a stop holds a body at its least, 1 at its greatest coordinate, else 0."""
+    stops = problem.outline.bodies.stops
+    free = problem.fixed == 0
+    # A body at a stop is there to rounding, and is pushed on.
+    near = 1e-9 * (1.0 + jnp.abs(coordinates))
+    below = free & (coordinates <= stops[:, 0] + near) & (push > 0)
+    above = free & (coordinates >= stops[:, 1] - near) & (push < 0)
+    return jnp.where(below, -1.0, jnp.where(above, 1.0, 0.0))
+
+
+def _is_stable(drive: Drive, at: Layout, tensions, at_stop, locked) -> Bool[Array, ""]:
     """Whether springs and belt hold the bodies: the exact stiffness is positive definite."""
     if not len(locked):
         return jnp.array(True)
@@ -517,6 +454,6 @@ def _is_stable(drive: Drive, at: Layout, tensions, rest: _Rest, locked) -> Bool[
     A = springs(drive).matrix + jnp.sum(
         tensions[:, None, None] * (geometric + at.curvatures), axis=0
     )
-    moves = (1 - locked) * jnp.where(rest.below | rest.above, 0.0, 1.0)
+    moves = (1 - locked) * (at_stop == 0)
     fixed = jax.lax.stop_gradient
     return definite_solve(fixed(A), jnp.zeros_like(locked), moves).definite

@@ -13,8 +13,9 @@ import jax
 import jax.numpy as jnp
 
 from beltjax.drive.components import as_complex, as_real
+from beltjax.drive.installation import TensionGiven
 from beltjax.drive.operation import OperatingPoint
-from beltjax.drive.system import Drive
+from beltjax.drive.system import Drive, all_held
 from beltjax.drive.units_of_file import UnitsOfFile
 
 Numbers = TypeVar("Numbers")
@@ -41,7 +42,11 @@ def canonical_name(place: int) -> str:
 def canonical_drive(drive: Drive) -> Drive:
     """`drive` with strongly typed arrays for numbers and canonical names for its pulleys."""
     leaves, structure = jax.tree.flatten(drive)
-    return jax.tree.unflatten(_canonical_structure(structure), map(as_real, leaves))
+    found = jax.tree.unflatten(_canonical_structure(structure), map(as_real, leaves))
+    held = all_held(found.tensioners)
+    if held is not None and isinstance(found.installation, TensionGiven):
+        return _renamed(found, installation=_renamed(found.installation, as_drawn=held))
+    return found
 
 
 def canonical(drive: Drive, point: OperatingPoint) -> tuple[Drive, OperatingPoint]:

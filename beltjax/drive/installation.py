@@ -48,6 +48,9 @@ class TensionGiven(Readable):
     free: Float[Array, " springs"] | None = eqx.field(
         converter=as_optional, default=None, metadata=_FREE
     )
+    # Promises that springs or bolts hold every tensioner where it is drawn, so that nothing has to
+    # be found, and less is compiled. Set by the analyses where the numbers are known.
+    as_drawn: bool = eqx.field(static=True, default=False)
 
     def __check_init__(self):
         if self.tension_of not in TENSIONS_OF:

@@ -90,6 +90,8 @@ class Drive(Readable):
         count = len(tensioners)
         self.pulleys = tuple(_on_bodies(pulley, count) for pulley in pulleys)
         self.tensioners = tuple(_on_bodies(body, count) for body in tensioners)
+        if isinstance(installation, TensionGiven) and all_held(tensioners):
+            installation = dataclasses.replace(installation, as_drawn=True)
         self.installation = installation
         self.arm_springs = tuple(arm_springs)
         self.isolators, self.dampers = (
@@ -306,6 +308,15 @@ def _is_tree(belts: Sequence[int], shafts: Sequence[Sequence[int]]) -> bool:
                 return False
             group = [first if of == second else of for of in group]
     return len(set(group)) == 1
+
+
+def all_held(tensioners: Sequence[Tensioner]) -> bool | None:
+    """Whether each tensioner has a spring of its own or is bolted; None while JAX traces them."""
+    numbers = [concrete(number) for body in tensioners for number in (body.stiffness, body.locked)]
+    if any(number is None for number in numbers):
+        return None
+    pairs = zip(numbers[::2], numbers[1::2], strict=True)
+    return all(bool(np.all((stiffness > 0) | (locked > 0))) for stiffness, locked in pairs)  # type: ignore[operator]
 
 
 def _several(given: Any, kind: type) -> tuple[Any, ...]:

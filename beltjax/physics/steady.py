@@ -124,8 +124,11 @@ def box_minimum(A: Array, load: Coordinates, movable, lo, hi) -> Settled:
         found = definite_solve(A, load - A @ at, moves)
         return at + found.solution, found
 
-    bounded = 0 if count == 0 else 2 * count
-    for _ in range(bounded):
+    if count == 1:
+        # One body stops where it would go beyond.
+        free = definite_solve(A, load, movable).solution
+        below, above = (movable > 0) & (free < lo), (movable > 0) & (free > hi)
+    for _ in range(0 if count < 2 else 2 * count):
         q, _ = solved(below, above)
         push = A @ q - load
         free = movable > 0

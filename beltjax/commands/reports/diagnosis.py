@@ -59,7 +59,7 @@ def _failure(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagno
     if result == RESULTS.arm_at_stop:
         where = places_in_words(drive, steady.reference.coordinates)
         return Diagnosis("tensioner.stops", f"{where}: {explanation(result).rstrip('.')}", False)
-    if _one_of(result, RESULTS.tensioner_unstable, RESULTS.stops_cycle):
+    if result == RESULTS.tensioner_unstable:
         return Diagnosis("tensioner.stiffness", explanation(result), False)
     if result == RESULTS.belt_overstretched:
         return _strain_diagnosis(drive, point, steady)
