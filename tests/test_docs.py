@@ -20,6 +20,7 @@ BLOCKS = {
     "exploration": 6,
     "extending": 4,
     "first_drive": 2,
+    "model": 1,
     "moving_beam": 4,
     "optimizing": 2,
     "reading": 3,
