@@ -25,6 +25,7 @@ BLOCKS = {
     "optimizing": 2,
     "reading": 3,
     "robust": 4,
+    "several_tensioners": 10,
     "troubleshooting": 1,
     "vibration": 4,
 }
@@ -33,6 +34,7 @@ WRITTEN = {
     "drive_file": ["copy.toml"],
     "extending": ["study.toml"],
     "exploration": ["sample.zarr", "grid.zarr"],
+    "several_tensioners": ["one_arm.toml", "chain.toml", "two_belts.toml"],
 }
 
 
