@@ -1,6 +1,6 @@
 """Belt in contact: the closed-form elastica against SciPy's `solve_bvp` inside root finders.
 
-    python benchmarks/contact.py
+    python benchmarks/contact.py [--batch 1000] [two_pulley_table_5_1 seven_pulley]
 
 The peer is `beltjax.validation.peers.contact` at its default tolerance, 1e-6; errors are those of
 all tensions and
@@ -9,6 +9,7 @@ the efficiency by every number of the drive, in reverse mode; its rate is compar
 peer's for a value alone.
 """
 
+import argparse
 import resource
 import sys
 import time
@@ -29,7 +30,6 @@ sys.path.insert(0, str(ROOT / "tests"))
 from contact_drives import peer_of  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
-BATCH = 1000
 NUMBERS = ("two_pulley_table_5_1", "seven_pulley")
 
 
@@ -57,7 +57,7 @@ def timed(function, *arguments):
     return result, time.perf_counter() - start
 
 
-def rows(name: str, maximum: bool) -> list[Row]:
+def rows(name: str, maximum: bool, size: int) -> list[Row]:
     drive, point = bj.load_drive(ROOT / "examples" / f"{name}.toml")
     question = jnp.asarray(float(maximum))
     theirs, order, spans = peer_of(drive, point)
@@ -76,8 +76,8 @@ def rows(name: str, maximum: bool) -> list[Row]:
         return float(np.max(np.abs(np.asarray(values) / true - 1)))
 
     table = []
-    stretch = jnp.linspace(0.9, 1.1, BATCH)
-    many = jax.tree.map(lambda x: jnp.broadcast_to(x, (BATCH, *x.shape)), numbers)
+    stretch = jnp.linspace(0.9, 1.1, size)
+    many = jax.tree.map(lambda x: jnp.broadcast_to(x, (size, *x.shape)), numbers)
     many = eqx.tree_at(
         lambda n: n[0].belt.bending_stiffness,
         many,
@@ -86,8 +86,8 @@ def rows(name: str, maximum: bool) -> list[Row]:
     for way, function, given, batch in (
         ("one", value, numbers, 1),
         ("one with slopes", both, numbers, 1),
-        ("batch", jax.vmap(value), many, BATCH),
-        ("batch with slopes", jax.vmap(both), many, BATCH),
+        ("batch", jax.vmap(value), many, size),
+        ("batch with slopes", jax.vmap(both), many, size),
     ):
         program, wait = compiled(function, given)
         found = program(given)
@@ -99,9 +99,19 @@ def rows(name: str, maximum: bool) -> list[Row]:
     return table
 
 
-if __name__ == "__main__":
-    for name in sys.argv[1:] or NUMBERS:
+def main() -> None:
+    """Print one row a way, for each drive."""
+    parser = argparse.ArgumentParser(description="Belts in contact, against SciPy.")
+    parser.add_argument("drives", nargs="*", default=NUMBERS)
+    parser.add_argument("--batch", type=int, default=1000)
+    given = parser.parse_args()
+    for name in given.drives:
         for maximum in (False, True):
-            show(f"{name}, {'maximum' if maximum else 'regular'}", "drive", rows(name, maximum))
+            title = f"{name}, {'maximum' if maximum else 'regular'}"
+            show(title, "drive", rows(name, maximum, given.batch))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     print(f"peak memory {peak / 1e6:.2f} GB")
+
+
+if __name__ == "__main__":
+    main()

@@ -8,13 +8,20 @@ one run, each with its true error against a collocation converged to 1e-10:
                  next row is due to the formula; what beltjax gains over this one is due to JAX.
   SciPy          `solve_bvp` (tolerance 1e-6) on the 17-state standard form, one design at a time
 
-    python benchmarks/coupling.py [--batch 10000]
+Two more drives have no such peers, two arms and two belts: their errors are against the stored
+reference of the same drive (tests/data/bodies.json). The peer that they are compared
+with is NumPy's closed form of the three-pulley drive.
+
+    python benchmarks/coupling.py [--batch 10000] [--references 6]
 """
 
 import argparse
+import json
+import tempfile
 import time
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -29,7 +36,8 @@ from beltjax.drive.numbers import named_numbers  # noqa: E402
 from beltjax.validation.peers.standard_form import solve_standard_form  # noqa: E402
 
 DRIVE = Path(__file__).parents[1] / "examples" / "three_pulley.toml"
-REFERENCES = 6  # designs that SciPy solves, both to time it and to 1e-10 for the true error
+CASES = Path(__file__).parents[1] / "tests" / "data" / "bodies.json"
+LARGER = {"two arms, seven pulleys": "04", "two belts, ten pulleys": "18"}
 
 
 def total_coupling(numbers):
@@ -125,11 +133,44 @@ def gradient_error(columns, gradient):
     return worst
 
 
+def stored(number):
+    """The drive of the stored case whose name begins so, at its point, and its Gamma."""
+    cases = json.loads(CASES.read_text())["cases"]
+    case = next(case for name, case in cases.items() if name.startswith(number))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "drive.toml"
+        path.write_text(case["file"])
+        drive, point = bj.load_drive(path)
+    model = bj.Model(arm_curvature=float(case["arm_curvature"]))
+    drive = eqx.tree_at(lambda d: d.model, drive, model)
+    return (drive, point), float(np.sum(case["steady"]["coupling"]))
+
+
+def larger_rows(batch):
+    """Values, and values with slopes, of the drives with two arms and with two belts."""
+    rows = []
+    for name, number in LARGER.items():
+        numbers, gamma = stored(number)
+        designs = varied(numbers, batch, spread=0.005)
+        wrong = abs(float(total_coupling(numbers)) / gamma - 1)
+        count = sum(x.size for x in named_numbers(*numbers).values())
+        for way, function in (
+            (f"{name}, value", total_coupling),
+            (f"{name}, value and {count} slopes", jax.value_and_grad(total_coupling)),
+        ):
+            run, wait = compiled(jax.vmap(function), designs)
+            rows.append(Row(way, batch, wrong, None, wait, best_time(run, designs) / batch))
+    return rows
+
+
 def main() -> None:
     """Print one row a way."""
     parser = argparse.ArgumentParser(description="Gamma and its gradient: beltjax, NumPy, SciPy.")
     parser.add_argument("--batch", type=int, default=10_000)
-    batch = parser.parse_args().batch
+    # Designs that SciPy solves, both to time it and to 1e-10 for the true error.
+    parser.add_argument("--references", type=int, default=6)
+    given = parser.parse_args()
+    batch, references = given.batch, given.references
     numbers = bj.load_drive(DRIVE)
     designs = varied(numbers, batch)
     count = sum(x.size for x in named_numbers(*numbers).values())
@@ -140,16 +181,16 @@ def main() -> None:
     # The bare closed form has no reference state, so it cannot know these.
     absent = ("torque", "inertia")
 
-    few = jax.tree.map(lambda x: x[:REFERENCES], designs)
+    few = jax.tree.map(lambda x: x[:references], designs)
     groups = jax.vmap(lambda n: bj.steady_state(*n, throw=False).groups)(few)
-    models = [steady_model(jax.tree.map(lambda x, i=i: x[i], groups)) for i in range(REFERENCES)]
+    models = [steady_model(jax.tree.map(lambda x, i=i: x[i], groups)) for i in range(references)]
     truth = np.array([solve_standard_form(m, tol=1e-10).coupling.sum() for m in models])
     start = time.perf_counter()
     peers = [solve_standard_form(m, tol=1e-6) for m in models]
-    scipy_time = (time.perf_counter() - start) / REFERENCES
+    scipy_time = (time.perf_counter() - start) / references
 
     def error(values):
-        return float(np.max(np.abs(np.asarray(values)[:REFERENCES] / truth - 1)))
+        return float(np.max(np.abs(np.asarray(values)[:references] / truth - 1)))
 
     gamma, gradient = both(designs)
     slopes = {
@@ -159,16 +200,19 @@ def main() -> None:
     }
     small = {name: x[:200] for name, x in columns.items()}
     slope_error = gradient_error(small, {name: x[:200] for name, x in slopes.items()})
+    by_hand = best_time(numpy_coupling, columns) / batch
     show(
         "Coupling Gamma",
         "design",
         [
             Row("beltjax, value", batch, error(value(designs)), None, value_compile, best_time(value, designs) / batch),
             Row(f"beltjax, value and {count} slopes", batch, error(gamma), slope_error, both_compile, best_time(both, designs) / batch),
-            Row("NumPy closed form, value", batch, error(numpy_coupling(columns)), None, None, best_time(numpy_coupling, columns) / batch),
+            Row("NumPy closed form, value", batch, error(numpy_coupling(columns)), None, None, by_hand),
             Row("SciPy solve_bvp 1e-6, value", 1, error([p.coupling.sum() for p in peers]), None, None, scipy_time),
         ],
     )  # fmt: skip
+    closed_form = Row("NumPy closed form, three pulleys", batch, None, None, None, by_hand)
+    show("Coupling Gamma, larger drives", "design", [*larger_rows(batch), closed_form])
 
 
 if __name__ == "__main__":

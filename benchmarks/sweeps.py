@@ -58,7 +58,7 @@ def explored(store: str, count: int, modes: int, workers: int) -> dict[str, Any]
         QUANTITIES,
         store,
         modes=modes,
-        workers=workers,
+        workers=workers or None,
         advance=advance,
     )
     spent = time.perf_counter() - began

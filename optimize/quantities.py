@@ -177,8 +177,10 @@ def _needs_nothing(name: str, drive: Drive, places: Places) -> None:
 
 
 def _needs_tensioner(name: str, drive: Drive, places: Places) -> None:
-    if drive.tensioner is None:
+    if not drive.tensioners:
         raise KeyError("this drive has no tensioner")
+    if len(drive.belts) > 1:
+        raise KeyError(f"{name!r} is a number of a drive with one belt; leave it out")
 
 
 def _needs_inertia(name: str, drive: Drive, places: Places) -> None:

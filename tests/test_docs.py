@@ -20,10 +20,12 @@ BLOCKS = {
     "exploration": 6,
     "extending": 4,
     "first_drive": 2,
+    "model": 1,
     "moving_beam": 4,
     "optimizing": 2,
     "reading": 3,
     "robust": 4,
+    "several_tensioners": 10,
     "troubleshooting": 1,
     "vibration": 4,
 }
@@ -32,6 +34,7 @@ WRITTEN = {
     "drive_file": ["copy.toml"],
     "extending": ["study.toml"],
     "exploration": ["sample.zarr", "grid.zarr"],
+    "several_tensioners": ["one_arm.toml", "chain.toml", "two_belts.toml"],
 }
 
 

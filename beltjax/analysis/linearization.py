@@ -197,8 +197,8 @@ def _model(steady: SteadyState, shaped: SteadyState, eps) -> VibrationModel:
 def belt_inertia(groups: Groups) -> Float[Array, "pulleys pulleys"]:
     """Inertia of the belt's own motion along its path, by the pulleys' rotations.
 
-    Spans move as straight lines between the rims that they leave and meet, arcs with their pulleys.
-    Zero where the model leaves it out, as the source does.
+    docs/theory/bodies.md, (M14). Spans move as straight lines between the rims that they leave
+    and meet, arcs with their pulleys. Zero where the model leaves it out, as the source does.
     """
     g, loops = groups, groups.loops
     spans = loops.spread(g.masses) * g.span_ratios

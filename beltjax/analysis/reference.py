@@ -1,6 +1,6 @@
 """Reference state: the belts at rest as strings, steady torques applied.
 
-docs/theory/reference_state.md, (R1) to (R5), and docs/theory/bodies.md.
+docs/theory/reference_state.md, (R1) to (R5), and docs/theory/bodies.md, (M5) and (M6).
 """
 
 from typing import NamedTuple
@@ -82,7 +82,7 @@ class ReferenceState(Readable):
 
 
 class _Problem(NamedTuple):
-    """Equations (R1) and (R3), whose unknowns are coordinates and belt tensions over `scale`."""
+    """Equations (M6) and (R3), whose unknowns are coordinates and belt tensions over `scale`."""
 
     outline: Outline
     held: Held
@@ -123,7 +123,8 @@ def reference_state(drive: Drive, point: OperatingPoint, *, throw: bool = True) 
     Under `TensionGiven` the drawn layout is the torque-free state; under `BeltGiven` the
     unstretched belts and the springs' free positions are held; under `AdjustedToTension` and
     `AdjustedToMark` a locked tensioner is moved before. Bodies may come to rest at their stops.
-    Solves docs/theory/reference_state.md, (R1) to (R3), for any bodies.
+    Solves docs/theory/reference_state.md, (R2) and (R3), with (M6) of
+    docs/theory/bodies.md for the bodies.
 
     Fails with `numbers_unusable`, the layout's results, `belt_does_not_fit`, `belt_too_long`,
     `belt_too_short` (strain above a tenth), `tensioner_unstable` or `span_slack`.
@@ -379,14 +380,14 @@ def _likely_tension(drive: Drive) -> Float[Array, ""]:
 
 
 def _push(at, coordinates, tensions, problem: _Problem) -> Float[Array, " coordinates"]:
-    """What is left of (R1) on each body [N m] or [N]: the force of a stop or a lock."""
+    """What is left of (M6) on each body [N m] or [N]: the force of a stop or a lock."""
     holding = problem.held
     springs_push = holding.stiffness @ coordinates - holding.relaxed
     return belt_pull(at, tensions) + springs_push - problem.moments
 
 
 def _residuals(unknown: Float[Array, " unknowns"], problem: _Problem, loops: Loops) -> Array:
-    """(R1) over a tension and a length, and (R3) over the mean span."""
+    """(M6) over a tension and a length, and (R3) over the mean span."""
     count = len(problem.fixed)
     units = _units(problem.outline.bodies, problem.length)
     coordinates = unknown[:count] * units

@@ -2,7 +2,7 @@
 
 Everything is written with the directions of the spans and dot products, so that no formula
 knows which pulleys a tensioner carries or in which sense the pulleys are listed:
-docs/theory/geometry.md, (G1) to (G6), and docs/theory/bodies.md.
+docs/theory/geometry.md, (G1) to (G6), and docs/theory/bodies.md, (M3) and (M4).
 """
 
 from typing import NamedTuple

@@ -2,7 +2,7 @@
 
 Each body turns about a pivot or slides along a line, and may sit on another that comes before it.
 What kind they are and what they carry are arrays, so that only their number compiles.
-docs/theory/bodies.md.
+docs/theory/bodies.md, (M1) and (M2).
 """
 
 from typing import NamedTuple

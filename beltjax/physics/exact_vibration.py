@@ -1,7 +1,8 @@
-"""Vibration of a whole drive without discretization: docs/theory/vibration.md, (V11) to (V15).
+"""Vibration of a whole drive without discretization: docs/theory/vibration.md, (V11) to (V14).
 
-At a given frequency omega each span of the linearized drive has a closed form, because all that
-forces it is its stretch, acting on w*'', which is a sum of two exponentials:
+The rows of the bodies are docs/theory/bodies.md, (M15). At a given frequency omega each span of
+the linearized drive has a closed form, because all that forces it is its stretch, acting on w*'',
+which is a sum of two exponentials:
 
     B w'''' - Q w'' - 2 i c omega w' - m omega^2 w = gamma delta w*'',
     B = (eps/lam)^2,  c = -tau s lam,  m = lam^2

@@ -11,7 +11,7 @@
     K      stiffness of the springs;  lo, hi  how far q may move;  rho  what stops carry at rest
 
 The source has one arm and no H: a = (w_i(1) - w_i(0))/theta_t, sum of S = -r_t D/l and
-K = k_r/(P0 l). docs/theory/bodies.md, (B5) to (B9).
+K = k_r/(P0 l). docs/theory/bodies.md, (M7) to (M10).
 """
 
 from typing import NamedTuple
@@ -64,7 +64,7 @@ class SteadySolution(NamedTuple):
     slack: Bool[Array, ""]
     unstable: Bool[Array, ""]  # the springs do not hold the bodies at rest
     converged: Bool[Array, ""]
-    residual: Scalar  # of (B7)
+    residual: Scalar  # of (M8)
     steps: Int[Array, ""]
     unresolved: Bool[Array, ""] | bool = False  # by a mesh, where there is one
     coupling: Spans | None = None  # Gamma_i, where they come with the solution
@@ -101,7 +101,7 @@ def stiffness(Q: Spans, model: SteadyModel) -> Float[Array, "coordinates coordin
 
 
 def settled(T: Belts, model: SteadyModel) -> Settled:
-    """Coordinates at which springs, belt and stops are in balance (3.43): linear but for stops."""
+    """Coordinates at which springs, belt and stops are in balance (M7): linear but for stops."""
     m = model
     of_span = spread(T, m)
     ends = (m.kap_e - m.kap_s) * m.eps**2 / m.lam
@@ -143,7 +143,7 @@ def box_minimum(A: Array, load: Coordinates, movable, lo, hi) -> Settled:
 
 
 def belt_length_residual(T: Belts, model: SteadyModel) -> Belts:
-    """(B7): the belts' stretch by tension, less what slopes and bodies take up."""
+    """(M8): the belts' stretch by tension, less what slopes and bodies take up."""
     return _residual_and_settled(T, model)[0]
 
 
@@ -165,7 +165,7 @@ def exact(model: SteadyModel) -> SteadySolution:
     """The steady state from one scalar equation per belt, with the spans in closed form.
 
     R(T) has a slope of at least `give` where the spans are tight and A is positive definite, an
-    interval that T = c^2 is in: (B8). So one value of R brackets the root. If R is positive
+    interval that T = c^2 is in: (M9). So one value of R brackets the root. If R is positive
     already where the slackest span has Q = 0, no state has all its spans tight: `slack`.
     """
     fixed = jax.lax.stop_gradient(model)
@@ -288,7 +288,7 @@ def leading_coupling(model: SteadyModel, Q: Spans) -> Spans:
 def effectiveness(
     model: SteadyModel, movable: Coordinates | None = None
 ) -> Float[Array, "belts belts"]:
-    """Tensioner effectiveness eta = dT/d(m c^2) of the strings at rest (B9).
+    """Tensioner effectiveness eta = dT/d(m c^2) of the strings at rest (M10).
 
     With N_bc = D_b.A^-1.D_c it is (give + N)^-1 N, whose entry [b, c] says what the speed of belt
     c does to belt b; of one belt N/(give + N), the source's (3.95) with k_s/r_t corrected.

@@ -8,7 +8,8 @@
     tau    +1 where the belt runs along x, -1 where against it (the source)
 
 Energies are over P0 l, times over l sqrt(m/P0). A span's functions are y = w - phi, zero at both
-ends, in a basis; its end moments are natural. docs/theory/vibration.md and docs/theory/bodies.md.
+ends, in a basis; its end moments are natural. docs/theory/vibration.md, and docs/theory/bodies.md,
+(M12) to (M14).
 """
 
 from typing import NamedTuple

@@ -20,9 +20,7 @@ FINE = bj.Legendre(20)  # where frequencies are compared with closed forms
 def strings():
     """Three pulleys with locked centers and a belt without bending: its spans do not interact."""
     drive, point = example("three_pulley")
-    locked = tuple(
-        eqx.tree_at(lambda p: p.on_arm, pulley, jnp.zeros(())) for pulley in drive.pulleys
-    )
+    locked = tuple(eqx.tree_at(lambda p: p.on, pulley, jnp.zeros(0)) for pulley in drive.pulleys)
     # Heavy pulleys put the rotations far below the spans.
     heavy = tuple(eqx.tree_at(lambda p: p.inertia, pulley, jnp.array(10.0)) for pulley in locked)
     belt = bj.Belt(drive.belt.axial_stiffness, 0.0, drive.belt.mass_per_length)

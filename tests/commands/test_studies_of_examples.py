@@ -188,3 +188,27 @@ def test_a_file_that_cannot_be_written_is_named_by_its_own_name(monkeypatch, tmp
     with pytest.raises(OSError, match="No space left") as error:
         bj.files.writing.write_whole(tmp_path / "o.json", b"{}")
     assert error.value.filename == str(tmp_path / "o.json")
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_the_starter_generator_is_designed_for_charging_and_cranking(run, tmp_path):
+    study = EXAMPLES / "starter_generator_study.toml"
+    status, _, err = run("optimize", study, "--json", "o.json", "--out", "after.toml")
+    assert status == 0
+    assert "belt is stiff for generator" in err
+    found = json.loads((tmp_path / "o.json").read_text())
+    assert found["optimality"]["residual"] < 1e-8
+    assert found["objective"]["final"] < 0.85 * found["objective"]["initial"]
+
+    # Both points, on the written drive file: Gamma, the slack side and the generator's bearing.
+    drive, charging = bj.load_drive(tmp_path / "after.toml")
+    torque = {"air conditioner": 0.0, "generator": -40.0}
+    cranking = bj.OperatingPoint(driver_speed=200 * 2 * np.pi / 60, torque=torque)
+    states = [bj.steady_state(drive, point) for point in (charging, cranking)]
+    totals = [float(state.coupling.sum()) for state in states]
+    assert max(totals) == pytest.approx(found["objective"]["final"], rel=1e-9)
+    assert min(float(state.effective_tensions.min()) for state in states) > 0.5
+    # The slack side is on the one side of the generator, then on the other.
+    slack = [int(np.argmin(state.running_tensions)) for state in states]
+    assert slack == [0, 3] or slack == [0, 4]

@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from bodies_cases import TWO_BELTS, load
 from drives import EXAMPLES, example
 from scipy.optimize import minimize
 
@@ -135,3 +136,11 @@ def test_the_command_line_runs_a_file_first(own_registries, run, tmp_path):
     status, out, err = run("--extend", "bad.py", "analyze", "x.toml")
     assert (status, out) == (1, "")
     assert err == "beltjax: bad.py: cannot be run (ZeroDivisionError: division by zero)\n"
+
+
+def test_effectiveness_is_a_quantity_of_any_tensioners_on_one_belt(tmp_path):
+    study = bj.optimize.load_study(EXAMPLES / "seven_pulley_two_arms_study.toml")
+    assert len(study.drive.tensioners) == 2
+    drive, _ = load(tmp_path, TWO_BELTS)
+    with pytest.raises(KeyError, match="a number of a drive with one belt"):
+        bj.optimize.find_quantity("tensioner_effectiveness", drive)
