@@ -23,10 +23,12 @@ CASES = {name[:2]: case for name, case in json.loads(DATA.read_text())["cases"].
 # Case 24 adjusts an eccentric to a mark, where no adjustment of its belt length exists:
 # `test_an_eccentric_is_turned_until_the_arm_stands_at_its_mark` has one that does.
 FOUND = [name for name in CASES if name != "24"]
-SLOW = {"02", "03", "04", "08", "12", "14", "20"}
-cases = pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.slow] if n in SLOW else []) for n in FOUND]
-)
+QUICK = {"06", "18", "22"}
+
+
+def cases(quick):
+    marked = [pytest.param(n, marks=[] if n in quick else [pytest.mark.slow]) for n in FOUND]
+    return pytest.mark.parametrize("name", marked)
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +56,7 @@ def by_name(drive, numbers):
     return [numbers.get(body.name, 0.0) for body in drive.tensioners]
 
 
-@cases
+@cases(QUICK)
 def test_states_are_those_of_two_other_routes(name, drive_of):
     drive, point = drive_of(name)
     steady, case = bj.steady_state(drive, point), CASES[name]
@@ -73,7 +75,7 @@ def test_states_are_those_of_two_other_routes(name, drive_of):
         assert float(steady.stop_reactions[drive.body(arm)]) == pytest.approx(force, rel=1e-9)
 
 
-@cases
+@cases({"18"})
 def test_frequencies_and_responses_are_those_of_two_other_routes(name, drive_of):
     drive, point = drive_of(name)
     lin, case = bj.linearize(bj.steady_state(drive, point), bj.Legendre(28)), CASES[name]

@@ -91,12 +91,14 @@ def frequencies(drive, point, count=6):
     return np.asarray(bj.modes(lin, count).frequencies)
 
 
+@pytest.mark.slow
 def test_a_stiff_second_arm_is_none():
     drive, point = seven((arm(), arm((-0.11, 0.36), 1e10)), ([TENSIONER], [IDLER]))
     one, _ = seven(*KINDS["one arm"])
     np.testing.assert_allclose(frequencies(drive, point), frequencies(one, point), rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_far_arm_is_a_slide():
     """Pivot 1000 m away across the direction, k r^2 and J r^2: the rotation is the way over r."""
     r = 1e3
@@ -116,6 +118,7 @@ def test_a_far_arm_is_a_slide():
     np.testing.assert_allclose(frequencies(turning, point), frequencies(sliding, point), rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_stiff_twin_arm_is_a_rigid_frame():
     """Two arms of one pivot on a spring that does not give: one body with two pulleys."""
     pivot = (-0.1, 0.24)
@@ -133,6 +136,7 @@ def test_a_stiff_twin_arm_is_a_rigid_frame():
     np.testing.assert_allclose(frequencies(pair, point), frequencies(rigid, point), rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_belts_that_share_the_rigid_crank_alone_have_each_its_own_spectrum():
     drive, point = example("three_pulley")
     second = [
