@@ -11,6 +11,8 @@ from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.shafts import rotors, transmission
 from beltjax.drive.system import Drive
 
+_FAR = 1e6  # radians, or mean spans
+
 
 class Groups(eqx.Module):
     """A drive in pure numbers; compare these with the literature.
@@ -170,10 +172,10 @@ def groups_and_scales(
 
 
 def ways(stops, coordinates, units) -> Float[Array, "coordinates 2"]:
-    """To the stops, over the units; of stops that are not there, infinite without a derivative."""
+    """To the stops, over the units; where there is none, farther than anything moves."""
     there = jnp.isfinite(stops)
     left = jnp.where(there, stops, 0.0) - coordinates[:, None]
-    return jnp.where(there, left / units[:, None], jax.lax.stop_gradient(stops))
+    return jnp.where(there, left / units[:, None], _FAR * jnp.array([-1.0, 1.0]))
 
 
 def _unstretched(drive: Drive, at: Layout, tensions, axial, loops: Loops):

@@ -59,12 +59,12 @@ class Layout(Readable):
     @property
     def arm_length(self) -> Float[Array, ""]:
         """Length of the first tensioner's arm, from pivot to pulley [m]."""
-        return jnp.sqrt(jnp.sum(self.arms[0] ** 2))
+        return jnp.sqrt(jnp.sum(self.arms[..., 0, :] ** 2, axis=-1))
 
     @property
     def arm_angle(self) -> Float[Array, ""]:
         """Direction of the first tensioner's arm, from pivot to pulley [rad], in (-pi, pi]."""
-        return jnp.arctan2(self.arms[0, 1], self.arms[0, 0])
+        return jnp.arctan2(self.arms[..., 0, 1], self.arms[..., 0, 0])
 
 
 def perpendicular(vector: Float[Array, "... 2"]) -> Float[Array, "... 2"]:

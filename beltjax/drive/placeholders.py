@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from beltjax.drive.bodies import bodies
+from beltjax.drive.bodies import bodies, springs
 from beltjax.drive.components import NO_STOPS
 from beltjax.drive.installation import TensionGiven
 from beltjax.drive.operation import OperatingPoint
@@ -36,8 +36,16 @@ def usable(drive: Drive, point: OperatingPoint) -> Bool[Array, ""]:
     floor = jnp.min(jnp.stack(not_negative))
     good = jnp.all(jnp.isfinite(jnp.concatenate(finite))) & (least > 0) & (floor >= 0)
     if drive.tensioners:
-        stops = bodies(drive).stops
-        good = good & jnp.all(stops[:, 0] <= stops[:, 1])
+        of = bodies(drive)
+        good = good & jnp.all(of.stops[:, 0] <= of.stops[:, 1])
+        # An arm has a length: its pulleys do not all lie at its pivot.
+        across = of.carries * (drive.centers[:, :1] - of.pivots[:, 0])
+        up = of.carries * (drive.centers[:, 1:] - of.pivots[:, 1])
+        arms = jnp.max(across**2 + up**2, axis=0)
+        is_arm = (of.rotary > 0) & (jnp.sum(of.carries, axis=0) > 0)
+        good = good & jnp.all((arms > 0) | ~is_arm)
+        if isinstance(rule, TensionGiven) and rule.as_drawn:
+            good = good & (jnp.sum(springs(drive).floating) == 0)
     return good
 
 

@@ -23,7 +23,7 @@ def solved(arrays):
     def total(arrays):
         steady = bj.steady_state(*build(*arrays), throw=False)
         model = steady_model(steady.groups)
-        residual = belt_length_residual(steady.tension_change, model)
+        residual = belt_length_residual(steady.tension_change[None], model)
         return jnp.sum(steady.coupling), (steady, jax.lax.stop_gradient(residual))
 
     return jax.value_and_grad(total, has_aux=True)(arrays)

@@ -24,7 +24,7 @@ def test_time_integration_after_the_transient():
     size = len(lin.mass)
     C = lin.gyroscopic + damping_matrix(lin, DAMPING)
     place = 3 * 3 + 1  # the accessory, second of the pulleys that turn
-    moment = lin.scales.tension * lin.model.rho * lin.scales.length
+    moment = lin.scales.energy
     load = jnp.zeros(size).at[place].set(1.0 / moment)
 
     def slope(t, y, _):
@@ -69,7 +69,7 @@ def test_power_taken_in_is_power_dissipated():
     omega = np.asarray(frequencies)
     taken_in = (np.conj(torque) * 1j * omega[:, None] * found.rotations).real.sum(1) / 2
     C, z = np.asarray(damping_matrix(lin, DAMPING)), np.asarray(found.coordinates)
-    unit = float(lin.scales.tension * lin.model.rho * lin.scales.length * lin.scales.time)
+    unit = float(lin.scales.energy * lin.scales.time)
     dissipated = omega**2 * np.einsum("fa,ab,fb->f", z.conj(), C, z).real / 2 * unit
     np.testing.assert_allclose(taken_in, dissipated, rtol=1e-9)
 
