@@ -447,7 +447,10 @@ def _stopped(coordinates, push, problem: _Problem) -> Float[Array, " coordinates
 
 
 def _is_stable(drive: Drive, at: Layout, tensions, at_stop, locked) -> Bool[Array, ""]:
-    """Whether springs and belt hold the bodies: the exact stiffness is positive definite."""
+    """Whether springs and belt hold the bodies: the exact stiffness is positive definite.
+
+    That is the stiffness at rest, where a belt of given length stretches as the bodies move.
+    """
     if not len(locked):
         return jnp.array(True)
     turns = at.span_turns
@@ -455,6 +458,10 @@ def _is_stable(drive: Drive, at: Layout, tensions, at_stop, locked) -> Bool[Arra
     A = springs(drive).matrix + jnp.sum(
         tensions[:, None, None] * (geometric + at.curvatures), axis=0
     )
+    loops = Loops(drive.loop_sizes)
+    take_up = loops.sums(at.span_pulls)
+    rates = jnp.stack([belt.axial_stiffness for belt in drive.belts]) / at.path_lengths
+    A = A + jnp.sum(rates[:, None, None] * take_up[:, :, None] * take_up[:, None, :], axis=0)
     moves = (1 - locked) * (at_stop == 0)
     fixed = jax.lax.stop_gradient
     return definite_solve(fixed(A), jnp.zeros_like(locked), moves).definite
