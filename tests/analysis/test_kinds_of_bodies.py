@@ -182,5 +182,9 @@ def test_a_tensioner_over_center_is_unstable():
     # A short arm: what the mechanism's own curvature takes outweighs what the belt holds.
     near = drive.pulleys[1].center + (drive.tensioner.pivot - drive.pulleys[1].center) / 4
     short = eqx.tree_at(lambda d: d.tensioner.pivot, soft, near)
-    found = bj.reference_state(short, point, throw=False)
+    assert bj.steady_state(short, point, throw=False).result == bj.RESULTS.successful
+    curved = eqx.tree_at(lambda d: d.model, short, bj.Model(arm_curvature=1.0))
+    found = bj.steady_state(curved, point, throw=False)
     assert found.result == bj.RESULTS.tensioner_unstable
+    # A belt of given length, which has to stretch, still holds it at rest.
+    assert found.reference.result == bj.RESULTS.successful
