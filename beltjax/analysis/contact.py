@@ -269,7 +269,9 @@ def _torques(drive: Drive, point: OperatingPoint, tension, maximum):
 
 def contact_model(groups: ContactGroups, law: Float[Array, ""]) -> physics.ContactModel:
     """The groups in the letters of the source."""
-    motion = physics.Motion(jnp.ones(()), groups.belt_speed, groups.driver_speed, groups.mass_flow)
+    motion = physics.BeltMotion(
+        jnp.ones(()), groups.belt_speed, groups.driver_speed, groups.mass_flow
+    )
     return physics.ContactModel(
         EI=groups.bending,
         EA=groups.stretch,
@@ -303,7 +305,7 @@ def _solutions(drive: Drive, groups, scales, model, start: _Start, maximum):
         start.at_stop < 0, stops[:, 0], jnp.where(start.at_stop > 0, stops[:, 1], 0)
     )
     bolted = fixed(jnp.maximum(model.bodies.locked, jnp.abs(start.at_stop)))
-    holding = search.Held(
+    holding = search.HeldBelt(
         start.length / scales.length, start.relaxed * units / scales.energy, at_stop
     )
     begin = search.likely(one, start.coordinates / units, jnp.where(maximum > 0, half, 0.0), model)
@@ -336,7 +338,7 @@ def _solutions(drive: Drive, groups, scales, model, start: _Start, maximum):
         first = (jnp.sum(task.marks**2) > 0) | (task.resting > 0)
         # Bodies at a stop stand there; bolted ones where they were found before.
         at = jnp.where(model.bodies.locked > 0, kept.at, task.held.at)
-        kept = search.Held(kept.L0, kept.relaxed, at)
+        kept = search.HeldBelt(kept.L0, kept.relaxed, at)
         kept = jax.tree.map(lambda a, b: jnp.where(first, a, b), task.held, kept)
         solved = search.solve(model, task._replace(held=kept), start, origin)
         return (solved.held, jax.lax.stop_gradient(solved.unknown)), solved

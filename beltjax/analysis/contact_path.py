@@ -61,7 +61,7 @@ def _curvatures(spans, data, along):
 
 
 def _inclinations(loop: physics.Loop, model: physics.ContactModel):
-    """Of the belt in the plane of the drive, at the spans' starts and ends."""
+    """Inclinations of the belt in the plane of the drive, at the spans' starts and ends."""
     line = np.arctan2(np.roll(loop.y, -1) - loop.y, np.roll(loop.x, -1) - loop.x)
     return (line + np.asarray(angle) for angle in physics.inclinations(loop.spans, model))
 

@@ -157,7 +157,7 @@ def _modes(
     return frozen_where_failed(answer, RESULTS.where(found.usable, RESULTS.successful, result))
 
 
-class Found(NamedTuple):
+class FoundModes(NamedTuple):
     """Modes as they were found, without derivatives."""
 
     eigen: Eigen
@@ -166,16 +166,16 @@ class Found(NamedTuple):
     usable: Bool[Array, ""]  # whether the values mean anything
 
 
-def found_modes(lin: Linearization, C: Array, count: int, exact: bool, route: Route) -> Found:
+def found_modes(lin: Linearization, C: Array, count: int, exact: bool, route: Route) -> FoundModes:
     """Solve the eigenproblem of M, C and K, and polish its frequencies if `exact`."""
     lin, C = jax.lax.stop_gradient((lin, C))
     good = succeeded(lin.result)
     eigen, definite = _eigen((lin.mass, C, lin.stiffness), count, _rigid(lin), route)
     usable = good & (definite | (route != "hermitian"))
     if not exact:
-        return Found(eigen, None, definite, usable)
+        return FoundModes(eigen, None, definite, usable)
     polished = _polished(lin, eigen.values.imag, definite & good)
-    return Found(eigen, polished, definite, usable & (jnp.all(polished.converged) | ~definite))
+    return FoundModes(eigen, polished, definite, usable & (jnp.all(polished.converged) | ~definite))
 
 
 def _rigid(lin: Linearization) -> int:
@@ -183,7 +183,7 @@ def _rigid(lin: Linearization) -> int:
     return 1 if lin.free else 0
 
 
-def _result(lin: Linearization, found: Found, route: Route) -> RESULTS:
+def _result(lin: Linearization, found: FoundModes, route: Route) -> RESULTS:
     isolated = True if found.polished is None else jnp.all(found.polished.converged)
     unsolved = ~found.definite & (route == "hermitian")
     return first_failure(
@@ -250,7 +250,7 @@ def _polished(lin: Linearization, guesses, wanted) -> Counted:
     return jax.vmap(polish)(numbers, guesses)
 
 
-def exact_frequencies(lin: Linearization, found: Found) -> Float[Array, " count"]:
+def exact_frequencies(lin: Linearization, found: FoundModes) -> Float[Array, " count"]:
     """The polished frequencies with their derivatives; the basis' own where K is not definite."""
     assert found.polished is not None
     wanted = found.definite & succeeded(lin.result)
@@ -283,7 +283,7 @@ def _tail(lin: Linearization, vectors: Array) -> Float[Array, " count"]:
 
 
 def described(
-    lin: Linearization, found: Found, dimensionless, growth, vectors, result: RESULTS
+    lin: Linearization, found: FoundModes, dimensionless, growth, vectors, result: RESULTS
 ) -> Modes:
     """Frequencies and vectors in physical units, with their shares of energy."""
     error = _tail(lin, found.eigen.vectors)

@@ -14,7 +14,7 @@ from jaxtyping import Array, Complex, Float
 from beltjax.analysis.linearization import linearize
 from beltjax.analysis.modes import mode_label, modes
 from beltjax.analysis.steady import steady_state
-from beltjax.analysis.tracking import Shapes, Veering, linked, tracks, veerings
+from beltjax.analysis.tracking import ModeShapes, Veering, linked, tracks, veerings
 from beltjax.compiling.quick import in_chunks, quickly_compiled, usual_promotion
 from beltjax.drive.canonical import canonical
 from beltjax.drive.numbers import canonical_key, require_number, unit_of, with_number
@@ -241,10 +241,12 @@ def _good(found: Sample) -> np.ndarray:
     return successes(found.result)
 
 
-def _shapes(found: Sample) -> list[Shapes | None]:
+def _shapes(found: Sample) -> list[ModeShapes | None]:
     parts = (found.dimensionless, found.coordinates, found.mass, found.stiffness)
     rows = zip(*(np.asarray(part) for part in parts), strict=True)
-    return [Shapes(*row) if good else None for good, row in zip(_good(found), rows, strict=True)]
+    return [
+        ModeShapes(*row) if good else None for good, row in zip(_good(found), rows, strict=True)
+    ]
 
 
 def _picked(table: Any, places: np.ndarray) -> np.ndarray:

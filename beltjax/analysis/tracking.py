@@ -16,7 +16,7 @@ _OPEN = 2.0
 _EXCHANGED = 0.5
 
 
-class Shapes(NamedTuple):
+class ModeShapes(NamedTuple):
     """Modes at one point of a sweep, lowest frequency first, with the matrices they belong to."""
 
     omega: Float[np.ndarray, " window"]  # dimensionless
@@ -42,7 +42,7 @@ class Veering(NamedTuple):
     resolved: bool  # whether the grid there follows the shapes; else the gap is an upper bound
 
 
-def overlaps(a: Shapes, b: Shapes) -> Complex[np.ndarray, "window window"]:
+def overlaps(a: ModeShapes, b: ModeShapes) -> Complex[np.ndarray, "window window"]:
     """Products of the modes of two points in energy, each mode of energy 1.
 
     v_a* M v_b alone is not zero between two modes of one gyroscopic system; their states
@@ -51,12 +51,12 @@ def overlaps(a: Shapes, b: Shapes) -> Complex[np.ndarray, "window window"]:
     """
     M, K = (a.mass + b.mass) / 2, (a.stiffness + b.stiffness) / 2
 
-    def product(left: Shapes, right: Shapes) -> np.ndarray:
+    def product(left: ModeShapes, right: ModeShapes) -> np.ndarray:
         speeds = np.outer(left.omega, right.omega)
         moving = left.vectors.conj() @ M @ right.vectors.T
         return speeds * moving + left.vectors.conj() @ K @ right.vectors.T
 
-    def size(one: Shapes) -> np.ndarray:
+    def size(one: ModeShapes) -> np.ndarray:
         v = one.vectors
         moving = np.einsum("ka,ka->k", v.conj(), v @ M).real
         return one.omega**2 * moving + np.einsum("ka,ka->k", v.conj(), v @ K).real
@@ -64,12 +64,12 @@ def overlaps(a: Shapes, b: Shapes) -> Complex[np.ndarray, "window window"]:
     return product(a, b) / np.sqrt(np.outer(size(a), size(b)))
 
 
-def agreement(a: Shapes, b: Shapes) -> Float[np.ndarray, "window window"]:
+def agreement(a: ModeShapes, b: ModeShapes) -> Float[np.ndarray, "window window"]:
     """Modal assurance criterion of every mode of `a` with every mode of `b`, 0 to 1."""
     return np.abs(overlaps(a, b)) ** 2
 
 
-def aligned(before: Shapes, here: Shapes) -> Shapes:
+def aligned(before: ModeShapes, here: ModeShapes) -> ModeShapes:
     """`here`, with the shapes of a repeated frequency turned to what they were `before`.
 
     Where frequencies cross exactly on a point, its shapes there are any mixture.
@@ -86,7 +86,7 @@ def aligned(before: Shapes, here: Shapes) -> Shapes:
     return here._replace(vectors=vectors)
 
 
-def linked(shapes: list[Shapes | None], count: int) -> tuple[Links, list[Shapes | None]]:
+def linked(shapes: list[ModeShapes | None], count: int) -> tuple[Links, list[ModeShapes | None]]:
     """Names for the modes along a sweep, by one-to-one assignment between neighbors.
 
     `shapes` holds None for points that failed; a match bridges them. Returned with the shapes as
@@ -141,7 +141,7 @@ def veerings(
     values: np.ndarray,
     frequencies: Float[np.ndarray, "points modes"],
     places: Int[np.ndarray, "points modes"],
-    shapes: list[Shapes | None],
+    shapes: list[ModeShapes | None],
     trusted: np.ndarray,
 ) -> tuple[Veering, ...]:
     """Veerings between neighboring modes, in the order of the swept number.

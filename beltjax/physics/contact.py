@@ -29,7 +29,7 @@ Pulleys = Float[Array, " n"]
 Spans = Float[Array, " n"]
 
 
-class Motion(NamedTuple):
+class BeltMotion(NamedTuple):
     """How the belt moves; which numbers are there says by which rule."""
 
     m0: Scalar  # mass per unstretched length
@@ -57,7 +57,7 @@ class ContactModel(NamedTuple):
     together: Float[Array, "coordinates coordinates"]  # bodies that float together
     floating: Coordinates
     first: Coordinates  # 1 for the first body of those that float together
-    motion: Motion
+    motion: BeltMotion
 
 
 class Unknown(NamedTuple):

@@ -13,12 +13,12 @@ from jaxtyping import Array, Bool, Float, Int
 from beltjax.numerics.derivative_rules import frozen_unless
 from beltjax.numerics.rigid_bodies import Bodies, Coordinates
 from beltjax.numerics.roots import followed_root, implicit_solution
-from beltjax.physics.contact import ContactModel, Loop, Motion, Unknown, joined, long_spans
+from beltjax.physics.contact import BeltMotion, ContactModel, Loop, Unknown, joined, long_spans
 
 Scalar = Float[Array, ""]
 
 
-class Held(NamedTuple):
+class HeldBelt(NamedTuple):
     """What installed belt and springs keep."""
 
     L0: Scalar  # unstretched length
@@ -40,7 +40,7 @@ class Task(NamedTuple):
     by_tension: Scalar  # 1: the belt has the `tension`; 0: the length
     maximum: Scalar  # 1: torques scaled until a first pulley slips fully; 0: torques as they are
     tension: Scalar  # mean over the spans of the tension at half the arc length
-    held: Held
+    held: HeldBelt
     fixed: Coordinates  # 1 where a body stands at `held.at`
     adjusted: Coordinates  # 1 where one is moved until the belt has its length, too
     marks: Float[Array, "coordinates coordinates"]  # or until another stands at `held.at`
@@ -51,7 +51,7 @@ class Solved(NamedTuple):
 
     unknown: Unknown
     loop: Loop
-    held: Held
+    held: HeldBelt
     converged: Bool[Array, ""]
     residual: Scalar
     steps: Int[Array, ""]
@@ -80,7 +80,7 @@ def solve(model: ContactModel, task: Task, start: Unknown, origin: Unknown) -> S
     resting = task.resting > 0
     relaxed = jnp.where(resting, model.K @ unknown.q - loop.push, task.held.relaxed)
     length = jnp.where(task.by_tension > 0, _length(loop), task.held.L0)
-    held = Held(length, relaxed, jnp.where(task.fixed > 0, unknown.q, task.held.at))
+    held = HeldBelt(length, relaxed, jnp.where(task.fixed > 0, unknown.q, task.held.at))
     residual = jnp.max(jnp.abs(found.residual))
     return Solved(unknown, loop, held, converged, residual, found.steps, load)
 
@@ -185,4 +185,4 @@ def _under(load: Scalar, model: ContactModel, task: Task) -> tuple[ContactModel,
     m0, c, v, G = model.motion
     root = jnp.sqrt(load)
     c, v, G = (None if x is None else root * x for x in (c, v, G))
-    return model._replace(pull=load * model.pull, motion=Motion(m0, c, v, G)), task
+    return model._replace(pull=load * model.pull, motion=BeltMotion(m0, c, v, G)), task

@@ -170,7 +170,7 @@ def first_guess(eps: Scalar, v: Scalar, n: Int[Array, ""], ends: Ends) -> Scalar
     return s * square / (jnp.sqrt(1.0 + (eps * s) ** 2) + speed)
 
 
-class Found(NamedTuple):
+class FoundFrequency(NamedTuple):
     """A frequency and its evidence."""
 
     omega: Scalar
@@ -179,7 +179,7 @@ class Found(NamedTuple):
     steps: Int[Array, ""]
 
 
-def frequency(eps: Scalar, v: Scalar, n: Int[Array, ""], ends: Ends) -> Found:
+def frequency(eps: Scalar, v: Scalar, n: Int[Array, ""], ends: Ends) -> FoundFrequency:
     """The n-th frequency for eps >= 0 and |v| below `critical_speed`; differentiable in both."""
     fixed = jax.lax.stop_gradient((eps, v))
     # In units of the guess: close to the critical speed frequencies are small.
@@ -194,4 +194,4 @@ def frequency(eps: Scalar, v: Scalar, n: Int[Array, ""], ends: Ends) -> Found:
     left, slope = jax.jvp(lambda y: residual(y, fixed), (search.root,), (one,))
     step = -left / jnp.where(slope == 0, 1.0, slope)
     y = implicit_root(residual, (eps, v), search.root + step)
-    return Found(y * unit, jnp.abs(step / search.root), search.converged, search.steps)
+    return FoundFrequency(y * unit, jnp.abs(step / search.root), search.converged, search.steps)

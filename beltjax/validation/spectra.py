@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 import beltjax as bj
 from beltjax.analysis.sweep import Sweep
-from beltjax.analysis.tracking import Shapes, linked, tracks
+from beltjax.analysis.tracking import ModeShapes, linked, tracks
 from beltjax.compiling.quick import in_chunks, quickly_compiled
 from beltjax.validation.coupling import captions
 from beltjax.validation.deflections import calculated
@@ -97,7 +97,7 @@ def _followed(shaped: np.ndarray, resisting: np.ndarray) -> Float[np.ndarray, "p
         return quickly_compiled(_held_modes)(*pair)
 
     omega, *rest = in_chunks(run, np.arange(len(shaped)), 16, lambda done, total: None)
-    links, _ = linked([Shapes(*row) for row in zip(omega, *rest, strict=True)], COUNT)
+    links, _ = linked([ModeShapes(*row) for row in zip(omega, *rest, strict=True)], COUNT)
     places = tracks(links, COUNT)
     return np.where(places >= 0, np.take_along_axis(omega, np.maximum(places, 0), 1), np.nan)
 

@@ -8,7 +8,7 @@ import pytest
 from drives import example
 
 import beltjax as bj
-from beltjax.analysis.tracking import Shapes, agreement, aligned, linked
+from beltjax.analysis.tracking import ModeShapes, agreement, aligned, linked
 from beltjax.compiling.quick import quickly_compiled
 from beltjax.results import explanation
 
@@ -88,12 +88,12 @@ def test_crossing_exactly_on_a_point(strings):
 
 def test_a_repeated_frequency_takes_the_shapes_it_had_before():
     eye = np.eye(3)
-    before = Shapes(np.array([1.0, 1.1, 2.0]), eye + 0j, eye, np.diag([1.0, 1.21, 4.0]))
+    before = ModeShapes(np.array([1.0, 1.1, 2.0]), eye + 0j, eye, np.diag([1.0, 1.21, 4.0]))
     angle = 0.7
     turn = np.array([[np.cos(angle), 1j * np.sin(angle)], [1j * np.sin(angle), np.cos(angle)]])
     mixed = np.array(eye + 0j)
     mixed[:2, :2] = turn
-    here = Shapes(np.array([1.05, 1.05, 2.0]), mixed, eye, np.diag([1.05**2, 1.05**2, 4.0]))
+    here = ModeShapes(np.array([1.05, 1.05, 2.0]), mixed, eye, np.diag([1.05**2, 1.05**2, 4.0]))
     assert agreement(before, here)[0, 1] > 0.3
     np.testing.assert_allclose(agreement(before, aligned(before, here)), eye, atol=5e-3)
 
@@ -105,7 +105,7 @@ def test_modes_of_one_gyroscopic_system_are_orthogonal():
     modes = quickly_compiled(_modes_at)(drive, point, jnp.array(50.0))
     lin = modes.linearization
     parts = (modes.dimensionless, modes.coordinates, lin.mass, lin.stiffness)
-    one = Shapes(*(np.asarray(part) for part in parts))
+    one = ModeShapes(*(np.asarray(part) for part in parts))
     np.testing.assert_allclose(agreement(one, one), np.eye(8), atol=1e-12)
     in_mass = np.abs(one.vectors.conj() @ one.mass @ one.vectors.T) ** 2
     sizes = np.sqrt(np.diag(in_mass))
@@ -169,7 +169,7 @@ def test_a_mode_that_leaves_and_one_that_enters_are_not_taken_for_each_other():
     # Two of three oscillators are seen; the last seen falls out as the unseen one drops.
     def shapes(places):
         vectors = np.eye(3)[places] + 0j
-        return Shapes(np.array([1.0, 2.0]), vectors, np.eye(3), np.eye(3))
+        return ModeShapes(np.array([1.0, 2.0]), vectors, np.eye(3), np.eye(3))
 
     links, _ = linked([shapes([0, 1]), None, shapes([2, 0])], 2)
     assert links.names.tolist() == [[0, 1], [-1, -1], [2, 0]]
