@@ -154,7 +154,9 @@ def _label(part: Readable, among: tuple[Any, ...]) -> str:
 
 def _is_shown(value: Any) -> bool:
     """Whether a value is no empty text or array."""
-    return bool(value) if isinstance(value, str) else np.size(value) > 0
+    if isinstance(value, str):
+        return bool(value)
+    return not isinstance(value, _NUMBERS) or np.size(value) > 0
 
 
 def _is_of_drive(module: Readable) -> bool:
