@@ -166,7 +166,7 @@ def contact_solution(drive: Drive, point: OperatingPoint, law, maximum) -> Conta
     drawable = succeeded(drawn.result)
     drive, point = harmless(drive, point, drawable)
     drive = _with_belt_of_the_string(drive, drawn)
-    start = _installed(drive, point)
+    start = _installed(drive, point, drawn)
     taken, scalable = _torques(drive, point, start.tension, maximum)
     groups, scales = contact_groups(drive, point, taken, start.tension)
     model = contact_model(groups, law)
@@ -238,7 +238,7 @@ def _with_belt_of_the_string(drive: Drive, drawn: Layout) -> Drive:
     return dataclasses.replace(drive, installation=BeltGiven(string.lengths[0], free=free))
 
 
-def _installed(drive: Drive, point: OperatingPoint) -> _Start:
+def _installed(drive: Drive, point: OperatingPoint, drawn: Layout) -> _Start:
     rule, still = drive.installation, jnp.zeros(len(drive.tensioners))
     string = resting(drive, point)
     rested = succeeded(string.result)
@@ -250,7 +250,6 @@ def _installed(drive: Drive, point: OperatingPoint) -> _Start:
         length = rule.belt_length if isinstance(rule, AdjustedToTension) else jnp.ones(())
         by_tension = rule.tension, *fixed((bare,)), length, still, *fixed((bare, stop))
         return _Start(*by_tension, RESULTS.successful)
-    drawn = layout(drive, throw=False)
     springs_of = held(drive, rule.belt_length[None], free_positions(drive, drawn, rule))
     tension, at, bare, stop = fixed((string.base_tension, at, bare, stop))
     return _Start(tension, at, rule.belt_length, springs_of.relaxed, bare, stop, string.result)

@@ -8,9 +8,11 @@ from jaxtyping import Array, Bool, Float
 
 from beltjax.drive.bodies import bodies, springs
 from beltjax.drive.installation import AdjustedToMark, AdjustedToTension, BeltGiven, TensionGiven
-from beltjax.drive.layout import Layout, Loops, Path, belt_path, outline
+from beltjax.drive.layout import Layout, Path, belt_path, outline
+from beltjax.drive.loops import Loops
 from beltjax.drive.system import Drive
 from beltjax.numerics.definite import definite_solve
+from beltjax.numerics.rigid_bodies import Bodies
 from beltjax.numerics.roots import implicit_root, system_root
 
 LARGEST_MOVE = 0.2  # of a body, in one Newton step [rad], or in mean span lengths
@@ -52,6 +54,11 @@ def unstretched(
     return loops.sums(spans + at.arc_lengths / (1 + arcs / of_span))
 
 
+def search_units(of: Bodies, length: Float[Array, ""]) -> Float[Array, " coordinates"]:
+    """What coordinates are searched in: radians, or the mean span length."""
+    return jax.lax.stop_gradient(jnp.where(of.rotary > 0, 1.0, length))
+
+
 def held(drive: Drive, lengths: Float[Array, " belts"], free: Float[Array, " springs"]) -> Held:
     """Belts of these lengths and springs relaxed at these positions."""
     of = springs(drive)
@@ -64,7 +71,7 @@ def held_by_tensions(
 ) -> Held:
     """Belts and springs for which this layout is at rest with these tensions."""
     loops = Loops(drive.loop_sizes)
-    EA = jnp.stack([belt.axial_stiffness for belt in drive.belts])
+    EA = drive.axial_stiffnesses
     if coordinates is None:
         coordinates = jnp.zeros(len(drive.tensioners))
     free = _relaxed_by(drive, belt_pull(at, tensions), coordinates)
@@ -126,8 +133,8 @@ def installed_by_tension(drive: Drive, drawn: Layout, loops: Loops) -> Installed
         return Installed(still, tensions, held_by_tensions(drive, drawn, of_span), held_there)
     of, found = outline(drive), springs(drive)
     length = jax.lax.stop_gradient(jnp.mean(drawn.span_lengths))
-    units = jax.lax.stop_gradient(jnp.where(of.bodies.rotary > 0, 1.0, length))
-    EA = jnp.stack([belt.axial_stiffness for belt in drive.belts])
+    units = search_units(of.bodies, length)
+    EA = drive.axial_stiffnesses
     adjusted, wanted = still, jnp.zeros(len(loops.sizes))
     if isinstance(rule, AdjustedToTension):
         adjusted = jax.lax.stop_gradient(rule.adjusted)

@@ -18,24 +18,26 @@ from beltjax.analysis.installed import (
     held,
     held_by_tensions,
     installed_by_tension,
+    search_units,
     unstretched,
 )
 from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.bodies import bodies, springs
 from beltjax.drive.canonical import canonical
+from beltjax.drive.groups import ways
 from beltjax.drive.installation import (
     AdjustedToMark,
     AdjustedToTension,
     TensionGiven,
 )
-from beltjax.drive.layout import Layout, Loops, Outline, belt_path, layout, outline
+from beltjax.drive.layout import Layout, Outline, belt_path, layout, outline
+from beltjax.drive.loops import Loops
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.placeholders import harmless, usable
 from beltjax.drive.readable import Readable
 from beltjax.drive.shafts import Transmission, transmission
 from beltjax.drive.system import Drive
 from beltjax.numerics.definite import definite_solve
-from beltjax.numerics.rigid_bodies import Bodies
 from beltjax.numerics.roots import implicit_root, system_root
 from beltjax.results import (
     RESULTS,
@@ -96,6 +98,21 @@ class _Problem(NamedTuple):
     # Of a locked coordinate that is moved until another stands at `at`: 1 in its row there.
     marks: Float[Array, "coordinates coordinates"]
     flux: Float[Array, " spans"] | None = None  # m c^2 of a running belt [N]; None: at rest
+
+    @property
+    def units(self) -> Float[Array, " coordinates"]:
+        """What coordinates are searched in."""
+        return search_units(self.outline.bodies, self.length)
+
+
+class _Standing(NamedTuple):
+    """The drive where a problem is solved."""
+
+    layout: Layout
+    tensions: Float[Array, " spans"]  # [N]
+    momentum: Float[Array, " spans"] | float  # momentum flux of a running belt [N]
+    at_stop: Float[Array, " coordinates"]
+    stop_reactions: Float[Array, " coordinates"]
 
 
 class RunningString(NamedTuple):
@@ -164,8 +181,8 @@ def _printed_state(drive, point, drawn, tension, tensions) -> ReferenceState:
     base = jnp.broadcast_to(tension, (len(drive.belts),))
     none = jnp.zeros(())
     rest = _Rest(still, jnp.array(True), none, jnp.array(0))
-    driven, stands = transmission(drive, point), (still, still)
-    return _state(drive, driven, drawn, drawn, tensions, base, still, holding, rest, stands, result)
+    driven, stands = transmission(drive, point), _Standing(drawn, tensions, 0.0, still, still)
+    return _state(drive, driven, drawn, stands, base, still, holding, rest, result)
 
 
 def _solved_state(drive, point, drawn) -> ReferenceState:
@@ -187,38 +204,21 @@ def _solved_state(drive, point, drawn) -> ReferenceState:
     scale = base[0]
     zero = jnp.where(fits, 1.0, 0.0)
     problem = _problem(drive, drawn, holding, offsets * zero, moments * zero, scale, at)
-    start = jnp.concatenate([at / _units(problem.outline.bodies, problem.length), base / scale])
+    start = jnp.concatenate([at / problem.units, base / scale])
     rest = _search(problem, loops, start)
     good = fits & rest.found
     spare = held_by_tensions(drive, drawn, loops.spread(base))
-    problem = problem._replace(
-        held=_replaced(good, holding, spare),
-        offsets=jnp.where(good, problem.offsets, 0.0),
-        moments=jnp.where(good, problem.moments, 0.0),
-        at=jnp.where(good, at, 0.0),
-    )
-    count = len(drive.tensioners)
-    spare_root = jnp.concatenate([jnp.zeros(count), base / scale])
-    unknown = _root(problem, loops, rest, good, spare_root)
-    turn = unknown[:count] * _units(problem.outline.bodies, problem.length)
-    moved = layout(drive, turn, throw=False)
-    tensions = loops.spread(unknown[count:]) * scale + problem.offsets
-    push = _push(moved, turn, tensions, problem)
-    locked = problem.outline.bodies.locked
-    at_stop = jnp.where(good, _stopped(turn, push, problem), 0.0)
-    reactions = jnp.where(at_stop != 0, push, 0.0)
-    stable = _is_stable(drive, moved, tensions, at_stop, locked)
+    problem = _harmless(problem, good, spare, still)
+    unknown = _root(problem, loops, rest, good, jnp.concatenate([still, base / scale]))
+    stands = _standing(drive, problem, loops, unknown, good)
     result = first_failure(
         (~fits, bare),
         (~rest.found, RESULTS.belt_does_not_fit),
-        (~succeeded(moved.result), moved.result),
-        (jnp.any(tensions <= 0), RESULTS.span_slack),
-        (~stable, RESULTS.tensioner_unstable),
+        (~succeeded(stands.layout.result), stands.layout.result),
+        (jnp.any(stands.tensions <= 0), RESULTS.span_slack),
+        (~_is_stable(drive, stands), RESULTS.tensioner_unstable),
     )
-    stops = at_stop, reactions
-    return _state(
-        drive, driven, drawn, moved, tensions, base, at, problem.held, rest, stops, result
-    )
+    return _state(drive, driven, drawn, stands, base, at, problem.held, rest, result)
 
 
 def running_string(
@@ -227,48 +227,49 @@ def running_string(
     """The belts of a reference state running as strings, m c^2 being `flux` [N]."""
     loops, driven = Loops(drive.loop_sizes), transmission(drive, point)
     offsets, moments = _tension_offsets(drive, driven, loops), _housed_moments(drive, driven)
-    good = succeeded(rest.result)
+    rested = succeeded(rest.result)
     scale = rest.base_tensions[0]
     holding = held(drive, rest.unstretched_lengths, rest.free)
     # Bolted bodies stand where they were installed.
-    still = jnp.zeros_like(rest.coordinates)
     problem = _problem(drive, rest.layout, holding, offsets, moments, scale, rest.installed)
-    running = jnp.where(good, flux, 0.0)
-    problem = problem._replace(flux=running)
-    units = _units(problem.outline.bodies, problem.length)
+    problem = problem._replace(flux=jnp.where(rested, flux, 0.0))
     levels = (rest.tensions - offsets)[loops.starts] / scale
-    start = jnp.concatenate([rest.coordinates / units, levels])
+    start = jnp.concatenate([rest.coordinates / problem.units, levels])
     found = _search(problem, loops, start)
-    good = good & found.found
+    good = rested & found.found
     level = loops.spread(rest.base_tensions)
     spare = held_by_tensions(drive, rest.layout, level, rest.coordinates)
-    safe = problem._replace(
-        held=_replaced(good, holding, spare),
-        offsets=jnp.where(good, offsets, 0.0),
-        moments=jnp.where(good, moments, 0.0),
-        flux=jnp.where(good, running, 0.0),
-        at=jnp.where(good, problem.at, rest.coordinates),
-    )
-    unknown = _root(safe, loops, found, good, start)
-    count = len(drive.tensioners)
-    place = unknown[:count] * units
-    moved = layout(drive, place, throw=False)
-    tensions = loops.spread(unknown[count:]) * scale + safe.offsets
-    momentum = _momentum(tensions, safe, loops)
-    push = _push(moved, place, tensions - momentum, safe)
+    problem = _harmless(problem, good, spare, rest.coordinates)
+    runs = _standing(drive, problem, loops, _root(problem, loops, found, good, start), good)
     result = first_failure(
         (~found.found, RESULTS.steady_state_not_found),
-        (~succeeded(moved.result), moved.result),
-        (jnp.any(tensions <= momentum), RESULTS.span_slack),
+        (~succeeded(runs.layout.result), runs.layout.result),
+        (jnp.any(runs.tensions <= runs.momentum), RESULTS.span_slack),
     )
-    held_by_stops = _stopped(place, push, safe) != 0
-    reactions = jnp.where(held_by_stops & good, push, still)
-    return RunningString(moved, tensions, jnp.asarray(momentum), reactions, result)
+    momentum = jnp.asarray(runs.momentum)
+    return RunningString(runs.layout, runs.tensions, momentum, runs.stop_reactions, result)
 
 
-def _units(of: Bodies, length) -> Float[Array, " coordinates"]:
-    """What coordinates are searched in: radians, or the mean span length."""
-    return jax.lax.stop_gradient(jnp.where(of.rotary > 0, 1.0, length))
+def _standing(
+    drive: Drive, problem: _Problem, loops: Loops, unknown: Float[Array, " unknowns"], good
+) -> _Standing:
+    """The drive at the root of a problem; stops hold nothing where that is not `good`."""
+    count = len(problem.fixed)
+    place = unknown[:count] * problem.units
+    at = layout(drive, place, throw=False)
+    tensions = loops.spread(unknown[count:]) * problem.scale + problem.offsets
+    momentum = _momentum(tensions, problem, loops)
+    push = _push(at, place, tensions - momentum, problem)
+    at_stop = jnp.where(good, _stopped(place, push, problem), 0.0)
+    return _Standing(at, tensions, momentum, at_stop, jnp.where(at_stop != 0, push, 0.0))
+
+
+def _harmless(problem: _Problem, good, spare: Held, at) -> _Problem:
+    """`problem` where it is good; elsewhere one without loads, solved by `spare` and `at`."""
+    loads = problem.offsets, problem.moments, problem.flux
+    offsets, moments, flux = jax.tree.map(lambda load: jnp.where(good, load, 0.0), loads)
+    held, at = _replaced(good, problem.held, spare), jnp.where(good, problem.at, at)
+    return problem._replace(held=held, offsets=offsets, moments=moments, flux=flux, at=at)
 
 
 def _problem(drive: Drive, drawn: Layout, held: Held, offsets, moments, scale, at) -> _Problem:
@@ -280,7 +281,7 @@ def _problem(drive: Drive, drawn: Layout, held: Held, offsets, moments, scale, a
         moments=moments,
         scale=scale,
         length=jax.lax.stop_gradient(jnp.mean(drawn.span_lengths)),
-        EA=jnp.stack([belt.axial_stiffness for belt in drive.belts]),
+        EA=drive.axial_stiffnesses,
         fixed=of.bodies.locked,
         at=at,
         marks=jnp.zeros((count, count)),
@@ -314,7 +315,7 @@ def _bare_state(drive: Drive, loops: Loops, problem: _Problem, drawn: Layout):
     holding = _replaced(fits, problem.held, spare)
     safe = problem._replace(held=holding, at=jnp.where(fits, problem.at, 0.0))
     unknown = _root(safe, loops, rest, fits, jnp.concatenate([still, level / problem.scale]))
-    at = unknown[:count] * _units(problem.outline.bodies, problem.length)
+    at = unknown[:count] * problem.units
     return unknown[count:] * problem.scale, at, holding, result
 
 
@@ -324,21 +325,20 @@ def _replaced(good, held: Held, spare: Held) -> Held:
 
 
 def _state(
-    drive, driven: Transmission, drawn, at, tensions, base, installed, holding, rest, stops, result
+    drive, driven: Transmission, drawn, stands: _Standing, base, installed, holding, rest, result
 ) -> ReferenceState:
-    single, (at_stop, reactions) = len(drive.tensioners) == 1, stops
-    drawn_angle = drawn.arm_angle if single else None
+    single, coordinates = len(drive.tensioners) == 1, stands.layout.coordinates
     return ReferenceState(
-        layout=at,
-        tensions=tensions,
+        layout=stands.layout,
+        tensions=stands.tensions,
         base_tensions=base,
-        coordinates=at.coordinates,
+        coordinates=coordinates,
         installed=installed,
         free=holding.free,
-        at_stop=at_stop,
-        stop_reactions=reactions,
-        arm_angle=None if drawn_angle is None else drawn_angle + at.coordinates[0],
-        free_angle=None if drawn_angle is None else drawn_angle + holding.free[0],
+        at_stop=stands.at_stop,
+        stop_reactions=stands.stop_reactions,
+        arm_angle=drawn.arm_angle + coordinates[0] if single else None,
+        free_angle=drawn.arm_angle + holding.free[0] if single else None,
         unstretched_lengths=holding.lengths,
         torques=driven.torques,
         error=rest.residual,
@@ -389,7 +389,7 @@ def _push(at, coordinates, tensions, problem: _Problem) -> Float[Array, " coordi
 def _residuals(unknown: Float[Array, " unknowns"], problem: _Problem, loops: Loops) -> Array:
     """(M6) over a tension and a length, and (R3) over the mean span."""
     count = len(problem.fixed)
-    units = _units(problem.outline.bodies, problem.length)
+    units = problem.units
     coordinates = unknown[:count] * units
     at = belt_path(problem.outline, loops, coordinates)
     tensions = loops.spread(unknown[count:]) * problem.scale + problem.offsets
@@ -399,9 +399,7 @@ def _residuals(unknown: Float[Array, " unknowns"], problem: _Problem, loops: Loo
     place = (coordinates + problem.marks @ coordinates - problem.at) / units
     # What the push would move beyond a stop stands there: zero exactly where a stop's force, which
     # only pushes, balances the rest.
-    stops = problem.outline.bodies.stops
-    there = jnp.isfinite(stops)
-    ends = jnp.where(there, jnp.where(there, stops, 0.0) / units[:, None], stops)
+    ends = ways(problem.outline.bodies.stops, jnp.zeros(count), units)
     wanted = jnp.clip(unknown[:count] - push, ends[:, 0], ends[:, 1])
     free = unknown[:count] - wanted
     balance = jnp.where(problem.fixed > 0, place, free)
@@ -446,11 +444,12 @@ def _stopped(coordinates, push, problem: _Problem) -> Float[Array, " coordinates
     return jnp.where(below, -1.0, jnp.where(above, 1.0, 0.0))
 
 
-def _is_stable(drive: Drive, at: Layout, tensions, at_stop, locked) -> Bool[Array, ""]:
+def _is_stable(drive: Drive, stands: _Standing) -> Bool[Array, ""]:
     """Whether springs and belt hold the bodies: the exact stiffness is positive definite.
 
     That is the stiffness at rest, where a belt of given length stretches as the bodies move.
     """
+    at, tensions, locked = stands.layout, stands.tensions, bodies(drive).locked
     if not len(locked):
         return jnp.array(True)
     turns = at.span_turns
@@ -460,8 +459,8 @@ def _is_stable(drive: Drive, at: Layout, tensions, at_stop, locked) -> Bool[Arra
     )
     loops = Loops(drive.loop_sizes)
     take_up = loops.sums(at.span_pulls)
-    rates = jnp.stack([belt.axial_stiffness for belt in drive.belts]) / at.path_lengths
+    rates = drive.axial_stiffnesses / at.path_lengths
     A = A + jnp.sum(rates[:, None, None] * take_up[:, :, None] * take_up[:, None, :], axis=0)
-    moves = (1 - locked) * (at_stop == 0)
+    moves = (1 - locked) * (stands.at_stop == 0)
     fixed = jax.lax.stop_gradient
     return definite_solve(fixed(A), jnp.zeros_like(locked), moves).definite

@@ -1,6 +1,7 @@
 """Steady state of a running drive and its belt-pulley coupling (chapter 3)."""
 
 import abc
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -10,13 +11,14 @@ from jaxtyping import Array, Float
 from beltjax.analysis.reference import (
     LARGEST_STRAIN,
     ReferenceState,
+    RunningString,
     resting,
     running_string,
 )
 from beltjax.compiling.quick import boundary_jit, usual_promotion
 from beltjax.drive.canonical import canonical
 from beltjax.drive.groups import Groups, Scales, groups_and_scales
-from beltjax.drive.layout import Loops
+from beltjax.drive.loops import Loops
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.placeholders import harmless, usable
 from beltjax.drive.readable import Readable
@@ -184,35 +186,14 @@ def _steady_state(drive: Drive, point: OperatingPoint, method: AbstractSteadyMet
     reference = resting(drive, point)
     rested = succeeded(reference.result)
     loops = Loops(drive.loop_sizes)
-    # Of a drive that cannot rest nothing is asked but that its numbers stay finite.
-    level = loops.spread(reference.base_tensions)
-    tensions = jnp.where(rested, reference.tensions, level)
-    groups, scales = groups_and_scales(
-        drive, reference.layout, tensions, reference.base_tension, reference.stop_reactions, point
-    )
-    resting_model, runs_as = steady_model(groups), None
-    model, begins = resting_model, groups.tensions
-    if drive.model.stretching_arcs:
-        # Exact statics take the tensioners to where the string runs; its bending is small there.
-        flux = loops.spread(groups.masses * groups.speeds**2) * scales.tension
-        runs_as = running_string(drive, point, reference, flux)
-        found = succeeded(runs_as.result)
-        groups, scales = groups_and_scales(
-            drive,
-            runs_as.layout,
-            jnp.where(found, runs_as.tensions, level),
-            reference.base_tension,
-            runs_as.stop_reactions,
-            point,
-        )
-        momentum = jnp.where(found, runs_as.flux, 0.0) / scales.tension
-        model = steady_model(groups)._replace(c2=momentum, flux=jnp.zeros_like(momentum))
+    begin = _beginning(drive, point, reference)
+    groups, scales, model, string = begin.groups, begin.scales, begin.model, begin.string
     solved = method.solve(model)
     strain = (groups.tensions + loops.spread(solved.T)) / loops.spread(groups.stretches)
     result = first_failure(
         (~good, RESULTS.numbers_unusable),
         (~rested, reference.result),
-        *([] if runs_as is None else [(~succeeded(runs_as.result), runs_as.result)]),
+        *([] if string is None else [(~succeeded(string.result), string.result)]),
         (solved.unstable, RESULTS.tensioner_unstable),
         (solved.slack, RESULTS.span_slack),
         (~solved.converged, RESULTS.steady_state_not_found),
@@ -227,15 +208,15 @@ def _steady_state(drive: Drive, point: OperatingPoint, method: AbstractSteadyMet
     stiff = runs & (jnp.max(stiffness_ratios) > STIFFEST)
     far = runs & jnp.any(jnp.abs(solved.q) > FARTHEST)
     # All spans of a belt gain the same tension.
-    gained = groups.tensions[loops.starts] - begins[loops.starts] + solved.T
+    gained = groups.tensions[loops.starts] - begin.resting.P[loops.starts] + solved.T
     change = jnp.where(runs, gained, 0.0)
     deviation = jnp.where(runs, solved.q, 0.0) * groups.units
     moved = deviation
-    if runs_as is not None:
-        string = runs_as.layout.coordinates - reference.coordinates
-        moved = moved + jnp.where(runs, string, 0.0)
+    if string is not None:
+        way = string.layout.coordinates - reference.coordinates
+        moved = moved + jnp.where(runs, way, 0.0)
     sprung = model.movable * (solved.held == 0)
-    effectiveness = physics.effectiveness(resting_model, jax.lax.stop_gradient(sprung))
+    effectiveness = physics.effectiveness(begin.resting, jax.lax.stop_gradient(sprung))
     single = len(drive.belts) == 1
     steady = SteadyState(
         coupling=jnp.where(runs, method.coupling(model, solved), 0.0),
@@ -260,6 +241,39 @@ def _steady_state(drive: Drive, point: OperatingPoint, method: AbstractSteadyMet
         method=method,
     )
     return frozen_where_failed(steady, result)
+
+
+class _Beginning(NamedTuple):
+    """The state of strings from which the bending of the belts moves the drive."""
+
+    groups: Groups
+    scales: Scales
+    model: physics.SteadyModel
+    resting: physics.SteadyModel  # that of the reference state
+    string: RunningString | None  # None: the reference state it is
+
+
+def _beginning(drive: Drive, point: OperatingPoint, reference: ReferenceState) -> _Beginning:
+    """The reference state, or if arcs stretch the running string of exact statics."""
+    loops, rested = Loops(drive.loop_sizes), succeeded(reference.result)
+    # Of a drive that cannot rest nothing is asked but that its numbers stay finite.
+    level = loops.spread(reference.base_tensions)
+
+    def described(state: ReferenceState | RunningString, good) -> tuple[Groups, Scales]:
+        tensions = jnp.where(good, state.tensions, level)
+        base = reference.base_tension
+        return groups_and_scales(drive, state.layout, tensions, base, state.stop_reactions, point)
+
+    groups, scales = described(reference, rested)
+    resting_model = steady_model(groups)
+    if not drive.model.stretching_arcs:
+        return _Beginning(groups, scales, resting_model, resting_model, None)
+    string = running_string(drive, point, reference, resting_model.flux * scales.tension)
+    found = succeeded(string.result)
+    groups, scales = described(string, found)
+    momentum = jnp.where(found, string.flux, 0.0) / scales.tension
+    model = steady_model(groups)._replace(c2=momentum, flux=jnp.zeros_like(momentum))
+    return _Beginning(groups, scales, model, resting_model, string)
 
 
 def steady_model(groups: Groups) -> physics.SteadyModel:

@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from beltjax.analysis.modes import Modes
 from beltjax.draw.labels import mode_labels
 from beltjax.drive.bodies import bodies, moved_pivots, moved_pulleys
-from beltjax.drive.layout import Layout, Loops
+from beltjax.drive.layout import Layout
+from beltjax.drive.loops import Loops
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 

@@ -60,17 +60,12 @@ def single_arm(drive: Drive) -> bool:
     return carried == 1 and float(drive.tensioners[0].kind) == 1
 
 
-def mass_matrix(drive: Drive, at: Coordinates) -> Float[Array, "coordinates coordinates"]:
-    """Inertia of the bodies by their coordinates [kg m^2], [kg m] or [kg].
-
-    Raises `ValueError` where a tensioner has no inertia.
-    """
+def mass_matrix(drive: Drive, at: Coordinates) -> Float[Array, "coordinates coordinates"] | None:
+    """Inertia of the bodies by their coordinates [kg m^2], [kg m] or [kg]; None if one has none."""
     of, parts = bodies(drive), drive.tensioners
-    for body in parts:
-        if body.inertia is None:
-            raise ValueError(
-                f"Tensioner {body.name!r}: inertia is missing; vibration needs it of every one."
-            )
+    inertias = [body.inertia for body in parts if body.inertia is not None]
+    if len(inertias) < len(parts):
+        return None
     if not parts:
         return jnp.zeros((0, 0))
     centers = jnp.stack([body.mass_center for body in parts])
@@ -80,7 +75,7 @@ def mass_matrix(drive: Drive, at: Coordinates) -> Float[Array, "coordinates coor
     moved = moved + jnp.einsum("b,ba,bc->ac", mass, there.by_y, there.by_y)
     turns = of.above * of.rotary
     spin = jnp.stack([body.inertia_center for body in parts])
-    own = jnp.stack([body.inertia for body in parts if body.inertia is not None])
+    own = jnp.stack(inertias)
     return moved + jnp.einsum("b,ba,bc->ac", spin, turns, turns) + jnp.diag(own)
 
 

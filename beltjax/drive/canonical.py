@@ -36,7 +36,7 @@ def strongly_typed(numbers: Numbers) -> Numbers:
 
 def canonical_name(place: int) -> str:
     """The name that the pulley at that place of the list has in compiled programs."""
-    return f"pulley {place}"
+    return _name("pulley", place)
 
 
 def canonical_drive(drive: Drive) -> Drive:

@@ -6,7 +6,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from beltjax.drive.bodies import bodies, mass_matrix, springs
-from beltjax.drive.layout import Layout, Loops
+from beltjax.drive.layout import Layout
+from beltjax.drive.loops import Loops
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.shafts import rotors, transmission
 from beltjax.drive.system import Drive
@@ -113,12 +114,12 @@ def groups_and_scales(
     loops, of, of_springs = Loops(drive.loop_sizes), bodies(drive), springs(drive)
     lengths = at.span_lengths
     length = jnp.mean(lengths)
-    axial = jnp.stack([belt.axial_stiffness for belt in drive.belts])
+    axial = drive.axial_stiffnesses
     bending = jnp.stack([belt.bending_stiffness for belt in drive.belts])
     mass = jnp.stack([belt.mass_per_length for belt in drive.belts])
     wave_speed = jnp.sqrt(base_tension / mass[0])
     time = length / wave_speed
-    speeds, travel = _speeds(drive, point, loops)
+    driven, inertia = transmission(drive, point), mass_matrix(drive, at.coordinates)
     curvatures = drive.faces / drive.radii
     units = jnp.where(of.rotary > 0, 1.0, length)
     energy = base_tension * length
@@ -132,7 +133,7 @@ def groups_and_scales(
     turning = rotors(drive)
     groups = Groups(
         bendings=_root_or_zero(bending / base_tension) / length,
-        speeds=speeds / wave_speed,
+        speeds=driven.speeds[loops.starts] / wave_speed,
         stretches=axial / base_tension,
         masses=mass / mass[0],
         tensions=tensions / base_tension,
@@ -142,7 +143,7 @@ def groups_and_scales(
         curvature_end=lengths * loops.following(curvatures),
         radius_ratios=drive.radii / length,
         drives=drive.drives,
-        travel=travel,
+        travel=driven.travel,
         units=units,
         arm_ratios=jnp.sqrt(_positive(jnp.sum(at.arms**2, axis=1))) / length,
         pulls=at.span_pulls * by,
@@ -157,7 +158,7 @@ def groups_and_scales(
         * units[:, None]
         * units
         / (energy * time),
-        arm_inertia=_arm_inertia(drive, at, units, inertia_unit),
+        arm_inertia=None if inertia is None else inertia * units[:, None] * units / inertia_unit,
         turning=turning.rims,
         held_rotor=turning.driver,
         hubs=turning.hubs,
@@ -188,21 +189,6 @@ def _unstretched(drive: Drive, at: Layout, tensions, axial, loops: Loops):
     strains = tensions / loops.spread(axial)
     arcs = at.arc_lengths / (1 + (strains + loops.preceding(strains)) / 2)
     return loops.sums(at.span_lengths / (1 + strains) + arcs)
-
-
-def _speeds(drive: Drive, point: OperatingPoint, loops: Loops):
-    """Speed of each belt [m/s], and the direction of its travel for each span."""
-    if len(loops.sizes) == 1:
-        travel = jax.lax.stop_gradient(point.travel)
-        return point.speed(drive)[None], jnp.broadcast_to(travel, (loops.sizes[0],))
-    driven = transmission(drive, point)
-    return driven.speeds[loops.starts], driven.travel
-
-
-def _arm_inertia(drive: Drive, at: Layout, units, unit):
-    if any(body.inertia is None for body in drive.tensioners):
-        return None
-    return mass_matrix(drive, at.coordinates) * units[:, None] * units / unit
 
 
 def _positive(square: Float[Array, " n"]) -> Float[Array, " n"]:

@@ -15,6 +15,7 @@ from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.bodies import bodies
 from beltjax.drive.canonical import canonical_drive
 from beltjax.drive.components import as_flags
+from beltjax.drive.loops import Loops
 from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
 from beltjax.numerics.rigid_bodies import Bodies, placed
@@ -75,44 +76,6 @@ def perpendicular(vector: Float[Array, "... 2"]) -> Float[Array, "... 2"]:
 def turned(vector: Float[Array, "2"], angle: Float[Array, ""]) -> Float[Array, "2"]:
     """`vector` turned counterclockwise by `angle`."""
     return jnp.cos(angle) * vector + jnp.sin(angle) * perpendicular(vector)
-
-
-class Loops:
-    """Which pulleys and spans form each belt's loop, from the loops' sizes."""
-
-    def __init__(self, sizes: tuple[int, ...]):
-        self.sizes = sizes
-        self.of_belt = np.repeat(np.eye(len(sizes)), sizes, axis=1)  # [belts, spans]
-        self.starts = np.cumsum([0, *sizes[:-1]])
-
-    def _rolled(self, values: Array, step: int) -> Array:
-        if len(self.sizes) == 1:
-            return jnp.roll(values, step, axis=0)
-        parts = [
-            jnp.roll(values[s : s + size], step, axis=0)
-            for s, size in zip(self.starts, self.sizes, strict=True)
-        ]
-        return jnp.concatenate(parts)
-
-    def following(self, values: Float[Array, "n *rest"]) -> Float[Array, "n *rest"]:
-        """What belongs to the next pulley or span of the same belt."""
-        return self._rolled(values, -1)
-
-    def preceding(self, values: Float[Array, "n *rest"]) -> Float[Array, "n *rest"]:
-        """What belongs to the pulley or span before, of the same belt."""
-        return self._rolled(values, 1)
-
-    def sums(self, values: Float[Array, "n *rest"]) -> Float[Array, "belts *rest"]:
-        """Sums over the pulleys or spans of each belt."""
-        if len(self.sizes) == 1:
-            return jnp.sum(values, axis=0)[None]
-        return jnp.tensordot(jnp.asarray(self.of_belt), values, 1)
-
-    def spread(self, values: Float[Array, " belts"]) -> Float[Array, " n"]:
-        """To every pulley or span what belongs to its belt."""
-        if len(self.sizes) == 1:
-            return jnp.broadcast_to(values, (self.sizes[0],))
-        return jnp.repeat(values, np.array(self.sizes), total_repeat_length=sum(self.sizes))
 
 
 class Outline(NamedTuple):

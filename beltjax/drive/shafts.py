@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from beltjax.drive.loops import Loops
 from beltjax.drive.system import Drive
 
 if TYPE_CHECKING:
@@ -34,8 +35,7 @@ def transmission(drive: Drive, point: "OperatingPoint") -> Transmission:
     for name in point.torque:
         drive.pulley(name)
     count, radii, drives = len(drive.pulleys), drive.radii, drive.drives
-    of_belt = np.equal.outer(np.arange(len(drive.belts)), drive.belt_of_span).astype(float)
-    on_shaft = np.array([np.isin(np.arange(count), shaft) for shaft in drive.shafts], float)
+    of_belt, on_shaft = Loops(drive.loop_sizes).of_belt, _on_shaft(drive)
     # Of the drivers' shafts and belts the masks are data: which pulley drives is not structure.
     driving = on_shaft.T @ (on_shaft @ drives)
     near = driving * (of_belt.T @ (of_belt @ drives))  # gives to its belt what the others take
@@ -68,6 +68,12 @@ def transmission(drive: Drive, point: "OperatingPoint") -> Transmission:
     )
 
 
+def _on_shaft(drive: Drive) -> Float[np.ndarray, "shafts pulleys"]:
+    """1 where the pulley sits on the shaft."""
+    places = np.arange(len(drive.pulleys))
+    return np.array([np.isin(places, shaft) for shaft in drive.shafts], float)
+
+
 class Rotors(NamedTuple):
     """What turns: a hub for each shaft, then the rims of isolators, then the rings of dampers.
 
@@ -84,8 +90,8 @@ class Rotors(NamedTuple):
 
 def rotors(drive: Drive) -> Rotors:
     """The rotors of a drive, and the torsion springs between them."""
-    count, shafts = len(drive.pulleys), drive.shafts
-    on_shaft = np.array([np.isin(np.arange(count), shaft) for shaft in shafts], float)
+    shafts = drive.shafts
+    on_shaft = _on_shaft(drive)
     isolated, rings = drive.isolators, drive.dampers
     size = len(shafts) + len(isolated) + len(rings)
     hubs = jnp.pad(jnp.asarray(on_shaft.T), ((0, 0), (0, size - len(shafts))))

@@ -246,6 +246,11 @@ class Drive(Readable):
         return names.index(name)
 
     @property
+    def axial_stiffnesses(self) -> Float[Array, " belts"]:
+        """EA of each belt [N]."""
+        return jnp.stack([belt.axial_stiffness for belt in self.belts])
+
+    @property
     def centers(self) -> Float[Array, "pulleys 2"]:
         """Centers of the pulleys in the drawn layout [m]."""
         return jnp.stack([pulley.center for pulley in self.pulleys])
@@ -312,11 +317,13 @@ def _is_tree(belts: Sequence[int], shafts: Sequence[Sequence[int]]) -> bool:
 
 def all_held(tensioners: Sequence[Tensioner]) -> bool | None:
     """Whether each tensioner has a spring of its own or is bolted; None while JAX traces them."""
-    numbers = [concrete(number) for body in tensioners for number in (body.stiffness, body.locked)]
-    if any(number is None for number in numbers):
-        return None
-    pairs = zip(numbers[::2], numbers[1::2], strict=True)
-    return all(bool(np.all((stiffness > 0) | (locked > 0))) for stiffness, locked in pairs)  # type: ignore[operator]
+    held = True
+    for body in tensioners:
+        stiffness, locked = concrete(body.stiffness), concrete(body.locked)
+        if stiffness is None or locked is None:
+            return None
+        held = held and bool(np.all((stiffness > 0) | (locked > 0)))
+    return held
 
 
 def _several(given: Any, kind: type) -> tuple[Any, ...]:

@@ -52,7 +52,7 @@ def name_of(found):
 
 @jax.jit
 def residual(model, held, unknown):
-    """Of the equations, at the root that was returned."""
+    """What is left of the equations at the root that was returned."""
     task = contact_search.Task(jnp.zeros(()), jnp.zeros(()), jnp.ones(()), held)
     packed = contact_search._packed(unknown)
     return jnp.max(jnp.abs(contact_search._met(packed, (model, task))[0]))

@@ -13,7 +13,7 @@ COUNT = 4000
 
 @pytest.fixture(scope="module")
 def arguments():
-    """Of all sizes over sixteen orders of magnitude; p no larger than the largest of the rest."""
+    """Arguments over sixteen orders of magnitude; p is no larger than the largest of the rest."""
     rng = np.random.default_rng(0)
     x, y, z, share = 10 ** rng.uniform(-16, 0, (4, COUNT))
     x[::20] = 0.0

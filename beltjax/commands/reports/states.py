@@ -8,7 +8,7 @@ import numpy as np
 from beltjax.analysis.steady import SteadyState
 from beltjax.commands.reports.documents import Maybe, Part, meaning, plain
 from beltjax.drive.components import KINDS
-from beltjax.drive.layout import Loops
+from beltjax.drive.loops import Loops
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.shafts import transmission
 from beltjax.drive.system import Drive
