@@ -1,4 +1,4 @@
-"""Belt laws: how much a belt stretches under tension and bending (docs/theory/contact.md, (C2)).
+"""Belt laws: how much a belt stretches under tension and bending (docs/theory/contact.md, (C3)).
 
 A law says the strain as a function of T/EA and EI kappa^2/(2 EA). What contact mechanics needs of
 it follows here: the stretch at a given P = T - G V, the unstretched lengths of spans and arcs, and
