@@ -37,7 +37,7 @@ ALLOWED = {
 }
 
 
-# What is still to be done: rooms with bare functions.
+# Rooms whose functions are not all annotated yet.
 UNANNOTATED = {"analysis", "drive", "physics"}
 
 
