@@ -38,7 +38,7 @@ ALLOWED = {
 
 
 # Rooms whose functions are not all annotated yet.
-UNANNOTATED = {"analysis", "drive", "physics"}
+UNANNOTATED = {"analysis", "physics"}
 
 
 def imported(path):
