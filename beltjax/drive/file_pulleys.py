@@ -91,7 +91,7 @@ class Wheels:
                     raise FileError(path, f"pulley.{name}.center", message)
 
     def _require_tree(self, path: object) -> None:
-        """Belts and shafts join in one way only, and all of them."""
+        """Raise `FileError` unless shafts join all belts, and in one way only."""
         group = {belt: belt for belt in self.belts}
         reached: dict[tuple[str, ...], str] = {}
         for pulley in self.pulleys:

@@ -1,4 +1,4 @@
-"""A whole drive: its belts, pulleys and bodies, and which belongs to which."""
+"""A whole drive, with its belts, pulleys and bodies and the relations between them."""
 
 import dataclasses
 import itertools
@@ -36,7 +36,7 @@ def span_names(pulleys: Sequence[str]) -> tuple[str, ...]:
 
 
 def repeated_name(names: Sequence[str]) -> str | None:
-    """The first of `names` that stands there twice."""
+    """The first of `names` that occurs twice; None where all are different."""
     return next((name for name in names if names.count(name) > 1), None)
 
 
@@ -284,7 +284,10 @@ def require_distinct(what: str, names: Sequence[str]) -> None:
 
 
 def joined_shafts(pulleys: Sequence[tuple[str, str | None]]) -> tuple[tuple[int, ...], ...]:
-    """Places on each shaft, of pulleys by their names and those of a pulley on the same shaft."""
+    """Places of the pulleys on each shaft.
+
+    `pulleys` has the name of each, and the name of another pulley on the same shaft or None.
+    """
     names = [name for name, _ in pulleys]
     shaft_of = list(range(len(names)))
     for place, (_, other) in enumerate(pulleys):
@@ -304,7 +307,10 @@ def _belt_places(belts: Sequence[Belt], pulleys: Sequence[Pulley]) -> list[int]:
 
 
 def _is_tree(belts: Sequence[int], shafts: Sequence[Sequence[int]]) -> bool:
-    """Whether shafts join all belts, by the belt of each pulley, and in one way only."""
+    """Whether shafts join all belts, and in one way only.
+
+    `belts` has the place of the belt of each pulley, `shafts` the places of the pulleys on each.
+    """
     group = list(range(max(belts) + 1))
     for shaft in shafts:
         for one, two in itertools.pairwise(shaft):
@@ -331,7 +337,7 @@ def _several(given: Any, kind: type) -> tuple[Any, ...]:
 
 
 def _on_bodies(part: Any, count: int) -> Any:
-    """`part`, its flags `on` those of `count` tensioners where none are given."""
+    """`part`, whose flags `on` are zeros for `count` tensioners where none are given."""
     flags = part.on
     if count == 0 or (flags.ndim == 1 and len(flags)):
         return part
@@ -339,7 +345,7 @@ def _on_bodies(part: Any, count: int) -> Any:
 
 
 def _named(parts: Sequence[Any], field: str, drive: Drive) -> tuple[Any, ...]:
-    """`parts`, those without a name called like the first pulley that their flags mark."""
+    """`parts`, where each without a name gets that of the first pulley that its flags mark."""
     named, names = [], drive.pulley_names
     for part in parts:
         flags = _flags([getattr(part, field)])
