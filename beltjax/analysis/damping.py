@@ -29,7 +29,7 @@ class Damping(eqx.Module):
             value = concrete(getattr(self, name))
             if value is not None and not ((value >= 0) & (value < np.inf)).all():
                 raise ValueError(
-                    f"Damping: {name} must not be negative and must be finite, and is {value}."
+                    f"Damping: {name} must not be negative and must be finite; found {value}."
                 )
 
 

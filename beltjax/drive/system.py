@@ -135,7 +135,7 @@ class Drive(Readable):
                 )
         places = _belt_places(self.belts, self.pulleys)
         if places != sorted(places):
-            raise ValueError("Pulleys are listed belt after belt, in the order of the belts.")
+            raise ValueError("Pulleys: list them belt after belt, in the order of the belts.")
         for name, size in zip(names, self.loop_sizes, strict=True):
             if size < 2:
                 which = "A drive" if len(names) == 1 else f"Belt {name!r}"
@@ -156,12 +156,13 @@ class Drive(Readable):
                 require_shape(what, flags, (count,), "on, a flag for each tensioner,")
             marked = _flags([flags])
             if marked is not None and np.sum(marked) > 1:
-                raise ValueError(f"{what}: is on {np.sum(marked):g} tensioners; one may carry it.")
+                found = f"{np.sum(marked):g} tensioners carry it"
+                raise ValueError(f"{what}: {found}; give it to one at most.")
         for place, body in enumerate(self.tensioners):
             marked = _flags([body.on])
             if marked is not None and np.any(marked[0][place:]):
                 raise ValueError(
-                    f"Tensioner {body.name!r}: the tensioner it is on comes before it in the list."
+                    f"Tensioner {body.name!r}: list it after the tensioner on which it sits."
                 )
         for spring in self.arm_springs:
             if spring.between.ndim == 1:
@@ -178,7 +179,8 @@ class Drive(Readable):
             given = (rule.free is not None) + (rule.free_angle is not None)
             if given != bool(springs):
                 raise ValueError(
-                    "BeltGiven: free_angle, or free, is given exactly when there is a tensioner."
+                    "BeltGiven: give free_angle or free where there is a tensioner, and neither "
+                    "where there is none."
                 )
             if rule.free_angle is not None and len(self.tensioners) != 1:
                 raise ValueError("BeltGiven: free_angle is that of one arm; give free for several.")
