@@ -34,7 +34,17 @@ def enumerated(study: Study, advance: Advance | None = None) -> list[Chosen]:
 
     The augmented Lagrangian takes all starts of all combinations as one batch. A combination
     without a design that meets all limits comes after those that have one. The study's time limit
-    is for all of them. Raises `ValueError` for a study without choices.
+    holds for all of them together. docs/optimizing.md.
+
+    Args:
+        study: a study with choices.
+        advance: function that is called as `advance(stage, done, total)` as the work proceeds.
+
+    Returns:
+        One entry per combination, with its labels, its numbers [SI] and its best design.
+
+    Raises:
+        ValueError: the study has no choices.
     """
     if not study.choices:
         raise ValueError("enumerated: the study has no choices; use `minimize`.")

@@ -22,15 +22,29 @@ def minimize(
 ) -> Design:
     """The design that minimizes a study's objective within its bounds and constraints.
 
-    Searches by `study.method` from `warm` designs (values of the variables, SI), from the study's
-    own drive and from quasi-random designs; the augmented Lagrangian takes them as one batch. The
-    best optima are then moved onto the exact conditions of an optimum, which are checked.
-    `advance(stage, done, total)` is called as the work proceeds. With `checkpoint` the search's
-    state is kept in that file, and the same study goes on from it.
+    The search by `study.method` starts from the `warm` designs, from the study's own drive and from
+    quasi-random designs; the augmented Lagrangian takes them as one batch. The best optima are then
+    moved onto the exact conditions of an optimum, which are checked. A study without a solution
+    raises nothing: read `.result`, `.constraints` and `.conflicts`. docs/optimizing.md.
 
-    Never raises for a study without a solution: read `.result`, `.constraints` and `.conflicts`.
-    Raises `ValueError` for a checkpoint of another study or a damaged one, and for `warm` designs
-    that lack a variable or have one that is not finite.
+    Args:
+        study: the study.
+        advance: function that is called as `advance(stage, done, total)` as the work proceeds.
+        warm: designs to start from, each as values of all variables by name [SI].
+        checkpoint: file in which the state of the search is kept, and from which the same study
+            continues.
+
+    Returns:
+        The best design, with its constraints, its multipliers and all starts.
+
+    Raises:
+        ValueError: a checkpoint is damaged or of another study, or a `warm` design lacks a variable
+            or has one that is not finite.
+
+    Examples:
+        >>> study = bj.optimize.load_study("examples/three_pulley_study.toml")
+        >>> design = bj.optimize.minimize(study)
+        >>> design.final, design.values
     """
     progress = advance or (lambda stage, done, total: None)
     deadline = deadline_of(study)

@@ -42,7 +42,16 @@ class PostOptimal(NamedTuple):
 
 
 def fixed_numbers(study: Study) -> list[str]:
-    """The drive's numbers that the study does not vary."""
+    """The drive's numbers that the study does not vary.
+
+    Speeds, torques and the relative numbers of arms (angle and length) are not among them.
+
+    Args:
+        study: the study.
+
+    Returns:
+        Keys of the drive file.
+    """
     moved = {full_key(study.drive, name) for name in study.variables.names}
     for name in filter(is_relative, tuple(moved)):
         moved |= moved_with(name)
@@ -54,12 +63,24 @@ def fixed_numbers(study: Study) -> list[str]:
 def post_optimal(
     study: Study, design: Design, numbers: tuple[str, ...] | None = None
 ) -> PostOptimal:
-    """Derivatives of a design of `minimize` with respect to `numbers`, of `fixed_numbers` if None.
+    """Derivatives of an optimal design with respect to numbers that the study holds fixed.
 
-    By the implicit function theorem at the conditions of the optimum (A. V. Fiacco, Introduction
-    to Sensitivity and Stability Analysis in Nonlinear Programming, 1983), with the active set
-    held; second derivatives by central differences of exact gradients. Raises `ValueError` where
-    the design is no strict optimum.
+    They follow from the implicit function theorem at the conditions of the optimum (A. V. Fiacco,
+    Introduction to Sensitivity and Stability Analysis in Nonlinear Programming, 1983), with the
+    active set held. Second derivatives are central differences of exact gradients.
+
+    Args:
+        study: the study.
+        design: the design that `minimize` found for it.
+        numbers: keys of the drive file, `fixed_numbers(study)` unless given.
+
+    Returns:
+        Derivatives [SI] of the objective, of shape [numbers], and of the variables, of shape
+        [numbers, variables].
+
+    Raises:
+        ValueError: the design is no strict optimum, or no drive exists beside it for a changed
+            number.
     """
     if not design.success:
         raise ValueError("post_optimal: the design is no optimum; read design.result.")

@@ -52,7 +52,7 @@ class Front(NamedTuple):
 
     @property
     def success(self) -> bool:
-        """Return whether every objective alone has an optimum."""
+        """Whether every objective alone has an optimum."""
         return all(anchor.success for anchor in self.anchors)
 
 
@@ -63,12 +63,25 @@ def pareto(
     points: int | None = None,
     advance: Advance | None = None,
 ) -> Front:
-    """The front of two or three objectives, `study.pareto` unless given.
+    """The Pareto front of two or three objectives.
 
-    The first is minimized under limits on the others, `points` along each between its best and
-    its worst at the objectives' own optima; every problem starts at the nearest design solved so
-    far (Haimes, Lasdon and Wismer, 1971). Objectives are measured at all operating points, the
-    worst counts. Raises `ValueError` for fewer than two objectives.
+    The first objective is minimized under limits on the others (Haimes, Lasdon and Wismer, 1971).
+    The limits of each lie between its best and its worst at the objectives' own optima, and every
+    problem starts at the nearest design solved so far. Objectives are measured at all operating
+    points, of which the worst counts. docs/optimizing.md.
+
+    Args:
+        study: the study, whose own objective does not matter.
+        names: quantities, where "-NAME" is maximized; `study.pareto` unless given.
+        points: number of equal steps between the best and the worst value of each objective that
+            is limited, at least 2; `study.pareto_points` unless given.
+        advance: function that is called as `advance(stage, done, total)` as the work proceeds.
+
+    Returns:
+        The designs of the front; without any where an objective alone has no optimum.
+
+    Raises:
+        ValueError: there are not two or three objectives, or fewer than two points.
     """
     names = study.pareto if names is None else names
     points = study.pareto_points if points is None else points

@@ -67,31 +67,35 @@ _DEFINITIONS: dict[str, QuantityDefinition] = {}
 def quantity(
     name: str, *, unit: str = "", place: Place = "", needs: Need = "", many: bool = False
 ) -> Callable[[MeasureFunction], MeasureFunction]:
-    """Register a function as the quantity of that name, for studies, sweeps and tolerances.
+    """Register a function as the quantity of that name, for studies, explorations and tolerances.
 
-    Arguments:
-        name: what a study writes; where there is a `place`, "NAME:PLACE".
+    The function takes a `DriveAnalyses` and returns an array in SI and radians. JAX traces and
+    differentiates it. The first line of its docstring describes it in listings.
+
+    Args:
+        name: the name in a study; where there is a `place`, the study writes "NAME:PLACE".
         unit: the SI unit of the numbers, empty for pure numbers. Limits in a study file may use
             any unit of the same kind.
-        place: what the function takes as its second argument: the number of a "pulley" or of a
-            "span" (from 0), of a "mode" (from 0; names count from 1), or an "order" of the
-            driver's speed. Empty where it takes the analyses alone.
+        place: the function's second argument: the number of a "pulley" or of a "span" (from 0), of
+            a "mode" (from 0; names count from 1), or an "order" of the driver's speed. It is empty
+            where the function takes the analyses alone.
         needs: what a drive must have: a "tensioner", "friction" of every pulley, "pulley
             friction" of the one named, "inertia" of every part, "excitation" and inertias.
         many: whether it returns many numbers, which can be limited but not minimized.
 
-    The function takes a `DriveAnalyses` and returns an array in SI and radians. JAX traces and
-    differentiates it. The first line of its docstring says in listings what it is.
+    Returns:
+        A decorator that registers the function and returns it unchanged.
 
-    Raises `ValueError` where there is such a name already: programs that were compiled with
-    the earlier function would go on using it.
+    Raises:
+        ValueError: the name is taken (programs compiled with the earlier function would continue
+            to use it) or holds ':', '@', '-' or a space, or `place` or `needs` is unknown.
 
-        @bj.optimize.quantity("belt_mass", unit="kg")
-        def belt_mass(analyses):
-            "Mass of the belt."
-            belt = analyses.drive.belt
-            return belt.mass_per_length * analyses.steady.reference.unstretched_length
-
+    Examples:
+        >>> @bj.optimize.quantity("belt_mass", unit="kg")
+        ... def belt_mass(analyses):
+        ...     "Mass of the belt."
+        ...     belt = analyses.drive.belt
+        ...     return belt.mass_per_length * analyses.steady.reference.unstretched_length
     """
     key = f"{name}:" if place else name
     if not name or set(name) & set(":@- "):
@@ -113,7 +117,11 @@ def quantity(
 
 
 def quantity_definitions() -> tuple[QuantityDefinition, ...]:
-    """All registered quantities, in the order of their registration."""
+    """All registered quantities, in the order of their registration.
+
+    Returns:
+        Their definitions, which hold for any drive that has what a quantity needs.
+    """
     return tuple(_DEFINITIONS.values())
 
 
@@ -133,16 +141,23 @@ def definition_of(name: str) -> QuantityDefinition:
 def find_quantity(name: str, drive: Drive, point: OperatingPoint | None = None) -> Quantity:
     """The quantity of that name for a drive.
 
-    Raises `KeyError`, with a text that says what to do, for a name or a place that is not there
-    and for a drive that lacks what the quantity needs. Whether the operating point is excited is
-    checked where one is given.
+    Args:
+        name: the name as a study writes it, such as "hub_load:idler".
+        drive: the drive.
+        point: an operating point; where it is given, its excitation is checked, too.
+
+    Returns:
+        The quantity, whose `measure` takes a `DriveAnalyses` and returns [parts].
+
+    Raises:
+        KeyError: there is no such quantity or place, or the drive lacks what the quantity needs.
     """
     definition = definition_of(name)
     text = name.partition(":")[2]
     places = (_place(definition.place, text, drive),) if definition.place else ()
     _CHECKS[definition.needs](name, drive, places)
     if point is not None and definition.needs == "excitation" and point.excitation is None:
-        raise KeyError(f"{name!r} needs [excitation] in the drive file; add what shakes the drive")
+        raise KeyError(f"{name!r} needs [excitation] in the drive file; add that table")
     return Quantity(
         name,
         definition.unit,

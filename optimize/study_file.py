@@ -87,9 +87,20 @@ class StudyTable(Table):
 
 
 def load_study(path: str | os.PathLike[str]) -> Study:
-    """The study that a TOML file describes; its drive file is found beside it.
+    """The study that a TOML file describes. docs/optimizing.md.
 
-    Raises `FileError`, one line that names the file, the key and the remedy.
+    Args:
+        path: the study file; the path of the drive file in it is relative to it.
+
+    Returns:
+        The study, with its drive.
+
+    Raises:
+        FileError: a file or its content is wrong; one line names the file, the key and the remedy.
+
+    Examples:
+        >>> study = bj.optimize.load_study("examples/three_pulley_study.toml")
+        >>> study.variables.names
     """
     content = read_toml(path)
     if "belt" in content and "drive" not in content:

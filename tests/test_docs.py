@@ -1,9 +1,12 @@
 """The code blocks of the documentation's pages run, and their assertions hold."""
 
+import doctest
 import re
 import shutil
 from pathlib import Path
 
+import jax
+import jax.numpy as jnp
 import pytest
 from bodies_cases import LEVER, load
 
@@ -105,6 +108,23 @@ def test_the_tensioners_of_the_page_are_some(tmp_path):
     before, after = LEVER.split("[[tensioner]]", 1)[0], LEVER[LEVER.index("[installation]") :]
     drive, _ = load(tmp_path, before + tensioners + after)
     assert [body.name for body in drive.tensioners] == ["housing", "lever"]
+
+
+def examples_of(function):
+    return doctest.DocTestParser().get_examples(function.__doc__ or "")
+
+
+PUBLIC = {name: getattr(home, name) for home in (bj, bj.optimize) for name in dir(home)}
+WITH_EXAMPLES = sorted(name for name, thing in PUBLIC.items() if examples_of(thing))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", WITH_EXAMPLES)
+def test_examples_of_docstrings_run(name, monkeypatch, own_registries):
+    monkeypatch.chdir(ROOT)
+    names: dict = {"bj": bj, "jax": jax, "jnp": jnp}
+    for example in examples_of(PUBLIC[name]):
+        exec(compile(example.source, name, "single"), names)
 
 
 @pytest.mark.slow  # up to a minute each, most of it compiling

@@ -93,8 +93,8 @@ def contact_state(
 ) -> ContactState:
     """The running belt on its pulleys: contact points, arcs of slip and adhesion, tensions, speeds.
 
-    Belt inertia, bending stiffness and creep; large rotations. Kong (2003), chapter 5, for any
-    number of pulleys on either face, with a tensioner or none; docs/theory/contact.md, (C1) to
+    The model has belt inertia, bending stiffness, creep and large rotations: Kong (2003), chapter
+    5, for any number of pulleys on either face and any tensioners; docs/theory/contact.md, (C1) to
     (C25).
     `installation.tension` is the mean over the spans of the tension at half their length, at
     rest without torques; with `tension_of="string"` it is the tension of the same belt as a
@@ -107,8 +107,27 @@ def contact_state(
     with `throw=False`.
     `belt_too_stiff`, `contact_pressure_lost`, `contact_not_found`, and the results of the drawn
     layout and of the numbers themselves leave finite placeholders with zero derivatives. Second
-    derivatives are NaN where the tension is given. Raises `ValueError` where a pulley with torque
-    has no friction.
+    derivatives are NaN where the tension is given.
+
+    Args:
+        drive: a drive with one belt; `one_belt` extracts a belt of several.
+        point: speeds and torques.
+        law: the belt law.
+        throw: raise where the result is a failure.
+
+    Returns:
+        Contact angles, tensions, speeds and efficiency, in SI units and listed order.
+
+    Raises:
+        KeyError: a torque is given for a pulley that is not there.
+        ValueError: a pulley with torque has no friction, the drive has several belts, or `law` is
+            unknown.
+        AnalysisError: the result is a failure, and `throw` is set.
+
+    Examples:
+        >>> drive, point = bj.load_drive("examples/two_pulley_table_5_1.toml")
+        >>> state = bj.contact_state(drive, point)
+        >>> state.wraps, state.slips, state.efficiency  # [rad], [rad], 1
     """
     return _contact(drive, point, law, False, throw)
 
@@ -116,18 +135,36 @@ def contact_state(
 def maximum_moment(
     drive: Drive, point: OperatingPoint, *, law: Law = "kong", throw: bool = True
 ) -> ContactState:
-    """`contact_state` under the largest torques: a first pulley slips over its whole arc.
+    """`contact_state` under the largest torques, at which a first pulley slips over its whole arc.
 
-    All torques are scaled by one `torque_factor`. Two pulleys need no torque given: it is on the
-    one that does not drive. Fails with `no_torque_to_scale` too.
+    All torques are scaled by one `torque_factor`. Two pulleys need no torque given: it acts on the
+    one that does not drive. The results are those of `contact_state` and `no_torque_to_scale`.
+    docs/contact.md.
+
+    Args:
+        drive: a drive with one belt.
+        point: speeds, and torques whose proportion is kept.
+        law: the belt law, as in `contact_state`.
+        throw: raise where the result is a failure.
+
+    Returns:
+        The state under the largest torques, in SI units and listed order.
+
+    Raises:
+        KeyError: a torque is given for a pulley that is not there.
+        ValueError: a pulley with torque has no friction, the drive has several belts, or `law` is
+            unknown.
+        AnalysisError: the result is a failure, and `throw` is set.
     """
     return _contact(drive, point, law, True, throw)
 
 
-def _contact(drive, point, law: Law, maximum: bool, throw: bool) -> ContactState:
+def _contact(
+    drive: Drive, point: OperatingPoint, law: Law, maximum: bool, throw: bool
+) -> ContactState:
     question = asked(law, maximum)
     if len(drive.belts) > 1:
-        raise ValueError("Contact is that of one belt: take each apart with `bj.one_belt`.")
+        raise ValueError("Contact is found for one belt: extract each with `bj.one_belt`.")
     bare = without_friction(drive, point, maximum)
     if bare is not None:
         raise ValueError(f"Pulley {bare!r} has torque; contact needs its friction.")
@@ -213,7 +250,7 @@ def contact_solution(
 
 
 class _Start(NamedTuple):
-    """What the installation gives, and where a search begins."""
+    """The numbers that the installation gives, and the start of a search."""
 
     tension: Float[Array, ""]  # [N]
     coordinates: Float[Array, " coordinates"]  # from the drawn positions [rad] or [m]
@@ -224,7 +261,7 @@ class _Start(NamedTuple):
 
 
 def _with_belt_of_the_string(drive: Drive, drawn: Layout) -> Drive:
-    """`drive`; where its tension is that of a string, with the belt and springs that gives it."""
+    """`drive`; a tension of a string is replaced by the belt and the springs that give it."""
     rule = drive.installation
     if not isinstance(rule, TensionGiven) or rule.tension_of != "string":
         return drive
@@ -252,13 +289,15 @@ def _installed(drive: Drive, point: OperatingPoint, drawn: Layout) -> _Start:
     return _Start(tension, at, rule.belt_length, springs_of.relaxed, bare, string.result)
 
 
-def _torques(drive: Drive, point: OperatingPoint, tension, maximum):
-    """Torques taken from the belt [N m], and whether there are any to be scaled."""
+def _torques(
+    drive: Drive, point: OperatingPoint, tension: Float[Array, ""], maximum: Float[Array, ""]
+) -> tuple[Float[Array, " pulleys"], Bool[Array, ""]]:
+    """Torques taken from the belt [N m], and whether there are any to scale."""
     taken = point.torques(drive)
     none = (maximum > 0) & jnp.all(taken == 0)
     if len(drive.pulleys) > 2:
         return taken, ~none
-    # Any will do: it is scaled.
+    # Any torque serves, since it is scaled.
     pull = 0.5 * jax.lax.stop_gradient(tension) * (1 - 2 * drive.drives)
     return jnp.where(none, pull * drive.radii, taken), jnp.array(True)
 
@@ -289,7 +328,14 @@ def contact_model(groups: ContactGroups, law: AbstractBeltLaw) -> physics.Contac
     )
 
 
-def _solutions(drive: Drive, groups, scales, model, start: _Start, maximum):
+def _solutions(
+    drive: Drive,
+    groups: ContactGroups,
+    scales: Scales,
+    model: physics.ContactModel,
+    start: _Start,
+    maximum: Float[Array, ""],
+) -> tuple[Bool[Array, ""], search.Solved, Float[Array, " coordinates"]]:
     """Whether the belt was found at rest, the running belt, and where the bodies are installed."""
     rule, units = drive.installation, groups.units
     one, zero, none = jnp.ones(()), jnp.zeros(()), jnp.zeros_like(units)
@@ -321,11 +367,14 @@ def _solutions(drive: Drive, groups, scales, model, start: _Start, maximum):
         lambda a, b: jnp.stack([a, b]), (still, rest, unbent), (model, running, begin)
     )
 
-    # One after the other through one compiled search: the first finds the belt for the second.
-    def stage(before, now):
+    # Both tasks use one compiled search in turn: the first finds the belt for the second.
+    def stage(
+        before: tuple[search.HeldBelt, physics.Unknown],
+        now: tuple[physics.ContactModel, search.Task, physics.Unknown],
+    ) -> tuple[tuple[search.HeldBelt, physics.Unknown], search.Solved]:
         kept, origin = before
         model, task, start = now
-        # Torques that are scaled to the largest have no belt without torques to come from.
+        # Where torques are scaled to the largest, the belt without torques is no origin.
         origin = jax.tree.map(lambda a, b: jnp.where(task.maximum > 0, a, b), start, origin)
         first = (jnp.sum(task.marks**2) > 0) | (task.resting > 0)
         kept = jax.tree.map(lambda a, b: jnp.where(first, a, b), task.held, kept)
@@ -341,12 +390,22 @@ def _solutions(drive: Drive, groups, scales, model, start: _Start, maximum):
 def _too_stiff(model: physics.ContactModel) -> Bool[Array, ""]:
     """Whether the tension at rest, which is 1, is below EI/(2 R^2).
 
-    Then a torque-free pulley touches at one point at most, at rest too.
+    A torque-free pulley then touches the belt at one point at most, also at rest.
     """
     return jnp.max(model.EI / model.rho**2 / 2) >= 1.0
 
 
-def _state(drive, groups, travel, scales, model, solved, in_si, found, result) -> ContactState:
+def _state(
+    drive: Drive,
+    groups: ContactGroups,
+    travel: Float[Array, ""],
+    scales: Scales,
+    model: physics.ContactModel,
+    solved: search.Solved,
+    in_si: tuple[Float[Array, " coordinates"], Float[Array, " coordinates"], Layout],
+    found: Bool[Array, ""],
+    result: RESULTS,
+) -> ContactState:
     """The solution in SI and listed order."""
     loop, force, length = solved.loop, scales.tension, scales.length
     order, factor = TravelOrder.of(len(model.rho), travel), jnp.exp(solved.unknown.scale)
@@ -398,7 +457,9 @@ def _state(drive, groups, travel, scales, model, solved, in_si, found, result) -
     )
 
 
-def _ends(sense, loop: physics.Loop, model: physics.ContactModel):
+def _ends(
+    sense: Float[Array, ""], loop: physics.Loop, model: physics.ContactModel
+) -> tuple[Float[Array, "spans 3"], Float[Array, "spans 3"], Float[Array, "spans 3"]]:
     """Tension, speed and outward inclination at the start, middle and end of each span."""
     bent = model.EI * loop.kap**2 / 2
     P = jnp.stack([loop.P_out, loop.spans.P_mid, jnp.roll(loop.P_in, -1)], axis=1)

@@ -1,26 +1,28 @@
-"""The belt of a contact state as a curve: where it runs, adheres and slips, how tight, how fast."""
+"""The belt of a contact state as a curve, with its zones, tension, speed and curvature."""
 
+from collections.abc import Iterator
 from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from beltjax.analysis.contact import ContactState
 from beltjax.compiling.quick import usual_promotion
 from beltjax.physics import contact as physics
-from beltjax.physics.elastica import curvature_along
+from beltjax.physics.elastica import Span, SpanData, curvature_along
 
 POINTS = 241  # on each piece
 Zone = Literal["span", "adhesion", "slip"]
 
 
 class BeltPiece(NamedTuple):
-    """One span, or one arc on a pulley, from where the belt comes to where it goes."""
+    """One span, or one arc of adhesion or slip on a pulley, in the direction of travel."""
 
     zone: Zone
     place: int  # of the span, or of the pulley, in the list
-    arc_length: np.ndarray  # from the start of the travel's first pulley [m]
+    arc_length: np.ndarray  # from where the belt meets the first pulley of its travel [m]
     positions: np.ndarray  # [points, 2] [m]
     tension: np.ndarray  # [N]
     speed: np.ndarray  # [m/s]
@@ -31,8 +33,20 @@ class BeltPiece(NamedTuple):
 def belt_pieces(state: ContactState, points: int = POINTS) -> tuple[BeltPiece, ...]:
     """The whole belt, piece by piece in the direction of travel, from the first listed pulley.
 
-    Arcs of no length are left out. Raises nothing: of a state that was not found the pieces are
-    those of its placeholders.
+    Arcs of no length are left out. The pieces of a state that was not found are those of its
+    placeholders; nothing is raised.
+
+    Args:
+        state: a contact state of a single drive, not of a batch.
+        points: number of points on each piece.
+
+    Returns:
+        The pieces, each with arrays of `points` entries in SI units, NumPy's.
+
+    Examples:
+        >>> drive, point = bj.load_drive("examples/two_pulley_table_5_1.toml")
+        >>> pieces = bj.belt_pieces(bj.contact_state(drive, point))
+        >>> max(piece.tension.max() for piece in pieces)  # [N]
     """
     loop, model = jax.device_get((state.solved.loop, state.model))
     curvatures = _span_curvatures(state, points)
@@ -49,31 +63,38 @@ def belt_pieces(state: ContactState, points: int = POINTS) -> tuple[BeltPiece, .
     return tuple(pieces)
 
 
-def _span_curvatures(state: ContactState, points: int) -> np.ndarray:
+def _span_curvatures(state: ContactState, points: int) -> Float[np.ndarray, "spans points"]:
+    """Curvature along each span, at points that divide its arc length evenly."""
     loop = state.solved.loop
     along = jnp.linspace(0.0, 1.0, points)
     return np.asarray(_curvatures(loop.spans, loop.data, along))
 
 
 @jax.jit
-def _curvatures(spans, data, along):
+def _curvatures(
+    spans: Span, data: SpanData, along: Float[Array, " points"]
+) -> Float[Array, "spans points"]:
     return jax.vmap(lambda span, of: curvature_along(span, of, along * span.L))(spans, data)
 
 
-def _inclinations(loop: physics.Loop, model: physics.ContactModel):
+def _inclinations(loop: physics.Loop, model: physics.ContactModel) -> Iterator[np.ndarray]:
     """Inclinations of the belt in the plane of the drive, at the spans' starts and ends."""
     line = np.arctan2(np.roll(loop.y, -1) - loop.y, np.roll(loop.x, -1) - loop.x)
     return (line + np.asarray(angle) for angle in physics.inclinations(loop.spans, model))
 
 
-def _contact(k: int, inclination, loop: physics.Loop, model: physics.ContactModel) -> np.ndarray:
+def _contact(
+    k: int, inclination: float | np.ndarray, loop: physics.Loop, model: physics.ContactModel
+) -> Float[np.ndarray, "*points 2"]:
     """Points of the k-th pulley where a belt of these inclinations touches it."""
     rho = float(model.rho[k])
     x, y = loop.x[k] + rho * np.sin(inclination), loop.y[k] - rho * np.cos(inclination)
     return np.stack([x, y], axis=-1)
 
 
-def _arcs(k: int, entry: float, loop: physics.Loop, model: physics.ContactModel, points: int):
+def _arcs(
+    k: int, entry: float, loop: physics.Loop, model: physics.ContactModel, points: int
+) -> Iterator[BeltPiece]:
     """Arcs of adhesion and of slip on the k-th pulley that the belt meets."""
     rho, turn = float(model.rho[k]), np.sign(model.rho[k])
     adhesion, slip = max(float(loop.touching[k] - loop.slip[k]), 0.0), float(loop.slip[k])
@@ -98,8 +119,8 @@ def _arcs(k: int, entry: float, loop: physics.Loop, model: physics.ContactModel,
 def _span(
     k: int, start: float, kap: np.ndarray, loop: physics.Loop, model: physics.ContactModel
 ) -> BeltPiece:
-    """The k-th span, its curvature integrated to its inclination and its path."""
-    from scipy.integrate import cumulative_simpson  # half a second, for curves alone
+    """The k-th span, whose curvature is integrated to its inclination and to its path."""
+    from scipy.integrate import cumulative_simpson  # takes half a second; only curves need it
 
     s = np.linspace(0.0, 1.0, len(kap)) * float(loop.spans.L[k])
     inclination = start + cumulative_simpson(kap, x=s, initial=0.0)
@@ -114,6 +135,7 @@ def _span(
 
 
 def _in_si(piece: BeltPiece, place: int, run: float, state: ContactState) -> BeltPiece:
+    """A dimensionless piece in SI units, at its listed `place` and after the arc length `run`."""
     length, force, time = map(
         float, (getattr(state.scales, n) for n in ("length", "tension", "time"))
     )
@@ -128,10 +150,18 @@ def _in_si(piece: BeltPiece, place: int, run: float, state: ContactState) -> Bel
 
 
 def span_deflection(state: ContactState, i: int) -> tuple[np.ndarray, np.ndarray]:
-    """Where span i runs beside its straight tangent: along it from its start, and inwards [m].
+    """Deflection of span i from the straight tangent of its two pulleys.
 
-    Both in listed order, x = 0 at the tangent point of a string. The stiff belt leaves its pulleys
-    elsewhere: x begins and ends where it does.
+    The stiff belt leaves its pulleys elsewhere than a string would, so that x begins and ends where
+    the belt does.
+
+    Args:
+        state: a contact state of a single drive, not of a batch.
+        i: place of the span in the list.
+
+    Returns:
+        The distance x [m] along the tangent, in listed order from the tangent point of a string,
+        and the deflection [m] towards the inside of the loop; both of shape [points].
     """
     piece = next(p for p in belt_pieces(state) if p.zone == "span" and p.place == i)
     loop, model = state.solved.loop, state.model

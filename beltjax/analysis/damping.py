@@ -12,12 +12,12 @@ from beltjax.numerics.gyroscopic import modal_damping
 
 
 class Damping(eqx.Module):
-    """Viscous damping: of all modes alike, of the whole stiffness, and of the drive's dampers.
+    """Viscous damping: a ratio for all modes, a factor of the stiffness, and the drive's dampers.
 
-    `modal` is the damping ratio of every mode of the drive without gyroscopic forces;
+    `modal` is the damping ratio of every mode of the drive without gyroscopic forces, and
     `stiffness` [s] the factor of the stiffness matrix. The dampers of tensioners, arm springs,
-    isolators and rings are the drive's, counted unless `arm` is False. Raises `ValueError` where
-    negative.
+    isolators and rings come from the drive and are counted unless `arm` is False. Raises
+    `ValueError` for a `modal` or `stiffness` that is negative or not finite.
     """
 
     modal: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)
@@ -29,7 +29,7 @@ class Damping(eqx.Module):
             value = concrete(getattr(self, name))
             if value is not None and not ((value >= 0) & (value < np.inf)).all():
                 raise ValueError(
-                    f"Damping: {name} must not be negative and must be finite, and is {value}."
+                    f"Damping: {name} must not be negative and must be finite; found {value}."
                 )
 
 
@@ -48,7 +48,10 @@ def damping_matrix(linearization: Linearization, damping: Damping) -> Float[Arra
 def own_damping(
     linearization: Linearization,
 ) -> tuple[Float[Array, "turning turning"], Float[Array, "coordinates coordinates"]]:
-    """By the drive's own dampers, on the rotors that turn and on the tensioners, dimensionless."""
+    """Damping matrices of the drive's own dampers, for the rotors and the tensioners.
+
+    Both are dimensionless; the first is of the rotors that turn.
+    """
     lin, groups = linearization, linearization.steady.groups
     moving = lin.model.movable[:, None] * lin.model.movable
     return groups.rotor_damping[lin.rotors][:, lin.rotors], moving * groups.arm_damping

@@ -1,4 +1,4 @@
-"""What an installation holds: the belts' lengths and where the springs are relaxed."""
+"""The belts' lengths and the springs' relaxed positions, which an installation fixes."""
 
 from typing import NamedTuple
 
@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float
 
 from beltjax.drive.bodies import bodies, springs
 from beltjax.drive.installation import AdjustedToMark, AdjustedToTension, BeltGiven, TensionGiven
-from beltjax.drive.layout import Layout, Path, belt_path, outline
+from beltjax.drive.layout import Layout, Outline, Path, belt_path, outline
 from beltjax.drive.loops import Loops
 from beltjax.drive.system import Drive
 from beltjax.numerics.definite import definite_solve
@@ -37,7 +37,7 @@ class Installed(NamedTuple):
 
 
 def belt_pull(at: Layout | Path, tensions: Float[Array, " spans"]) -> Float[Array, " coordinates"]:
-    """By which the belts resist the bodies: sum of P_i S_i [N m] or [N]."""
+    """Force by which the belts resist the bodies: the sum of P_i S_i [N m] or [N]."""
     return jnp.sum(tensions[:, None] * at.span_pulls, axis=0)
 
 
@@ -55,21 +55,27 @@ def unstretched(
 
 
 def search_units(of: Bodies, length: Float[Array, ""]) -> Float[Array, " coordinates"]:
-    """What coordinates are searched in: radians, or the mean span length."""
+    """Units of the coordinates in a search: 1 rad, or the mean span length."""
     return jax.lax.stop_gradient(jnp.where(of.rotary > 0, 1.0, length))
 
 
 def held(drive: Drive, lengths: Float[Array, " belts"], free: Float[Array, " springs"]) -> Held:
-    """Belts of these lengths and springs relaxed at these positions."""
+    """The `Held` of belts with these lengths and springs relaxed at these positions."""
     of = springs(drive)
     relaxed = jnp.sum((of.stiffness * free)[:, None] * of.rows, axis=0)
     return Held(lengths, free, of.matrix, relaxed)
 
 
 def held_by_tensions(
-    drive: Drive, at: Layout | Path, tensions: Float[Array, " spans"], coordinates=None
+    drive: Drive,
+    at: Layout | Path,
+    tensions: Float[Array, " spans"],
+    coordinates: Float[Array, " coordinates"] | None = None,
 ) -> Held:
-    """Belts and springs for which this layout is at rest with these tensions."""
+    """Belts and springs for which this layout is at rest with these tensions.
+
+    `coordinates` are those of the layout; they are zero unless given.
+    """
     loops = Loops(drive.loop_sizes)
     EA = drive.axial_stiffnesses
     if coordinates is None:
@@ -78,10 +84,13 @@ def held_by_tensions(
     return held(drive, unstretched(EA, at, tensions, loops), free)
 
 
-def _relaxed_by(drive: Drive, pull, coordinates) -> Float[Array, " springs"]:
-    """Where springs are relaxed that hold the bodies against this pull of the belts.
+def _relaxed_by(
+    drive: Drive, pull: Float[Array, " coordinates"], coordinates: Float[Array, " coordinates"]
+) -> Float[Array, " springs"]:
+    """Relaxed positions of springs that hold the bodies against this pull of the belts.
 
-    Where there are more springs than the pull settles, those whose free position is given keep it.
+    Where there are more springs than the pull determines, those whose free position is given keep
+    it.
     """
     of, rule, locked = springs(drive), drive.installation, bodies(drive).locked
     if not len(locked):
@@ -95,7 +104,7 @@ def _relaxed_by(drive: Drive, pull, coordinates) -> Float[Array, " springs"]:
     stretch = jnp.sum(of.rows * coordinates, axis=1)
     carried = known * of.stiffness * (stretch - set_free)
     left = -pull - jnp.sum(carried[:, None] * of.rows, axis=0)
-    # Of bodies that float together one is taken for the ground: the belts balance on them.
+    # One of the bodies that float together is taken as the ground: the belts balance on them.
     square = jnp.einsum("s,sa,sb->ab", sought, of.rows, of.rows) + jnp.diag(of.first)
     moves = definite_solve(square, left, 1.0 - locked).solution
     force = sought * jnp.sum(of.rows * moves, axis=1)
@@ -105,10 +114,10 @@ def _relaxed_by(drive: Drive, pull, coordinates) -> Float[Array, " springs"]:
 def free_positions(
     drive: Drive, drawn: Layout, rule: BeltGiven | AdjustedToMark
 ) -> Float[Array, " springs"]:
-    """Where the springs are relaxed by the rule, from the drawn positions."""
+    """Positions at which the rule says that the springs are relaxed, from the drawn positions."""
     angle = getattr(rule, "free_angle", None)
     if angle is not None:
-        # As it stands, whole turns included: a soft spring is wound by more than half a turn.
+        # Whole turns are kept: a soft spring is wound by more than half a turn.
         return (angle - drawn.arm_angle)[None]
     if rule.free is None:
         return jnp.zeros(0)
@@ -116,10 +125,10 @@ def free_positions(
 
 
 def installed_by_tension(drive: Drive, drawn: Layout, loops: Loops) -> Installed:
-    """The torque-free state of given tensions, where floating and adjusted bodies find a place.
+    """The torque-free state for given tensions, with floating and adjusted bodies in place.
 
-    Sprung bodies stand as drawn. Those that no spring holds stand where the belts balance, and a
-    body that is adjusted where the belt of the given length has its tension.
+    Sprung bodies stand as drawn. Those that no spring holds stand where the belts balance on them,
+    and an adjusted body stands where the belt of the given length has its tension.
     """
     rule = drive.installation
     assert isinstance(rule, TensionGiven | AdjustedToTension)
@@ -142,7 +151,12 @@ def installed_by_tension(drive: Drive, drawn: Layout, loops: Loops) -> Installed
     # The belts that the adjusted body moves.
     moved = jnp.minimum(loops.sums(of.bodies.carried @ adjusted), 1.0)
 
-    def residual(unknown, args):
+    def residual(
+        unknown: Float[Array, " coordinates"],
+        args: tuple[
+            Outline, Float[Array, " belts"], Float[Array, " belts"], Float[Array, " spans"]
+        ],
+    ) -> Float[Array, " coordinates"]:
         of, EA, wanted, of_span = args
         at = unknown * units
         path = belt_path(of, loops, at)

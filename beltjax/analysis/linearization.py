@@ -20,11 +20,11 @@ from beltjax.results import RESULTS, frozen_where_failed, raise_unless_successfu
 class Linearization(eqx.Module):
     """M z'' + G z' + K z = f about a steady state, dimensionless.
 
-    Coordinates: the basis functions of span 1, of span 2, .., the rotations of the rotors
-    `rotors` [rad, in the direction of belt travel], the tensioners' coordinates, over their
+    The coordinates are the basis functions of span 1, of span 2, .., the rotations of the rotors
+    `rotors` [rad, in the direction of belt travel], and the tensioners' coordinates over their
     `units`. Energies are in `scales.energy`, times in `scales.time`. The driver's hub is held
-    unless `free`. The matrices follow from `model` and `elongations`, through which the derivatives
-    of undamped frequencies are taken: a change to a matrix alone has none.
+    unless `free`. The matrices follow from `model` and `elongations`, through which undamped
+    frequencies are differentiated: a change to a matrix alone does not enter their derivatives.
     """
 
     mass: Float[Array, "size size"]
@@ -44,12 +44,12 @@ class Linearization(eqx.Module):
 
     @property
     def scales(self) -> Scales:
-        """What lengths, tensions and times are measured in."""
+        """Units of lengths, tensions and times."""
         return self.steady.scales
 
     @property
     def units(self) -> Float[Array, " coordinates"]:
-        """What the tensioners' coordinates are measured in: 1 rad, or the mean span length [m]."""
+        """Units of the tensioners' coordinates: 1 rad, or the mean span length [m]."""
         return self.steady.groups.units
 
     @property
@@ -65,8 +65,8 @@ class Linearization(eqx.Module):
     def split(self, z: Array) -> tuple[Array, Array, Array]:
         """Parts of coordinates [..., size]: fields, rotations and the tensioners' coordinates.
 
-        Fields are [..., spans, n], rotations [..., rotors], 0 where a rotor is held. A tensioner's
-        coordinate is over its unit, 0 where it does not move.
+        Fields are [..., spans, n]. Rotations are [..., rotors] and 0 where a rotor is held. A
+        tensioner's coordinate is over its unit, and 0 where it does not move.
         """
         n, turning = self.spans * self.basis.size, len(self.rotors)
         fields = z[..., :n].reshape(*z.shape[:-1], self.spans, self.basis.size)
@@ -75,13 +75,13 @@ class Linearization(eqx.Module):
         return fields, rotations, z[..., n + turning :] * self.model.movable
 
     def of_pulleys(self, rotations: Array) -> Array:
-        """Rotations [..., pulleys] of the pulleys' hubs, by those of the rotors."""
+        """Rotations [..., pulleys] of the pulleys' hubs, from those of the rotors."""
         return rotations @ self.steady.groups.hubs.T
 
-    def deflection(self, z: Array, i, x: Array, order: int = 0) -> Array:
+    def deflection(self, z: Array, i: int | Int[Array, ""], x: Array, order: int = 0) -> Array:
         """w_i at x [...] for coordinates z [size], or its derivative of order 1 or 2.
 
-        Both w and x are over the span's own length; the lift by the tensioners is counted.
+        Both w and x are over the span's own length; w includes the lift by the tensioners.
         """
         fields, _, moved = self.split(z)
         start, slope = self.model.W0[i] @ moved, self.model.a[i] @ moved
@@ -100,18 +100,34 @@ def linearize(
 ) -> Linearization:
     """Mass, gyroscopic and stiffness matrices of the drive about its steady state.
 
-    Kong (2003), chapter 4, for any number of pulleys, tensioners, isolators and belts: the second
-    variation of the drive's energy.
-    `basis` is `Legendre(24)` unless given; `Sine(n)` is the source's. The driver is held still,
-    or with `free` turns as the others do (and the drive has a rigid rotation).
+    They are the second variation of the drive's energy: Kong (2003), chapter 4, for any number of
+    pulleys, tensioners, isolators and belts; docs/theory/vibration.md.
 
-    To tell apart the two ways in which bending stiffness acts, as Fig. 4.6 does:
-    `fixed_steady` takes deflections and tensions from another steady state, `fixed_bending` the
-    belt's resistance to bending (eps) from elsewhere.
+    The result is that of the steady states, or `successful`. With `throw=False` read `.result`: the
+    matrices of a failed state are placeholders without derivatives.
 
-    Raises `ValueError` where a pulley or a tensioner has no inertia. Fails as the steady states
-    failed. With `throw=False` read `.result`: the matrices of a failed state are placeholders
-    without derivatives.
+    Args:
+        steady: the steady state, as `steady_state` returns it.
+        basis: functions for the deflections of each span, `Legendre(24)` unless given; `Sine(n)`
+            is that of the source.
+        free: let the driver turn as the other pulleys do, so that the drive has a rigid rotation;
+            otherwise its motion is given, and it stands still in a natural mode.
+        fixed_steady: another steady state from which deflections and tensions are taken. With
+            `fixed_bending` it separates the two effects of bending stiffness, as Fig. 4.6 does.
+        fixed_bending: eps of the belt's resistance to bending, where that is not the drive's own.
+        throw: raise where the result is a failure.
+
+    Returns:
+        The matrices, dimensionless and of shape [size, size], and what they were made from.
+
+    Raises:
+        ValueError: a pulley or a tensioner has no inertia, or `basis` is not a basis.
+        AnalysisError: a steady state failed, and `throw` is set.
+
+    Examples:
+        >>> drive, point = bj.load_drive("examples/three_pulley.toml")
+        >>> linearization = bj.linearize(bj.steady_state(drive, point), bj.Legendre(16))
+        >>> bj.modes(linearization, 4).frequencies  # [rad/s]
     """
     basis = Legendre(24) if basis is None else basis
     if not isinstance(basis, AbstractBasis):
@@ -122,7 +138,13 @@ def linearize(
 
 
 @boundary_jit
-def _linearized(steady, basis, free: bool, fixed_steady, fixed_bending) -> Linearization:
+def _linearized(
+    steady: SteadyState,
+    basis: AbstractBasis,
+    free: bool,
+    fixed_steady: SteadyState | None,
+    fixed_bending: Float[Array, ""] | None,
+) -> Linearization:
     shaped = steady if fixed_steady is None else fixed_steady
     model = _model(steady, shaped, fixed_bending)
     result = RESULTS.where(succeeded(steady.result), shaped.result, steady.result)
@@ -152,16 +174,18 @@ def _linearized(steady, basis, free: bool, fixed_steady, fixed_bending) -> Linea
     return frozen_where_failed(linearization, result)
 
 
-def _model(steady: SteadyState, shaped: SteadyState, eps) -> VibrationModel:
-    """The drive in the letters of the source, its deflections and tensions as in `shaped`."""
+def _model(
+    steady: SteadyState, shaped: SteadyState, eps: Float[Array, ""] | None
+) -> VibrationModel:
+    """The drive in the letters of the source, with the deflections and tensions of `shaped`."""
     g, h = steady.groups, shaped.groups
     if g.rotor_inertias is None:
         raise ValueError(
-            "Pulley.inertia: missing for a pulley, or for an isolator's rim; vibration needs it "
-            "of every one."
+            "Pulley.inertia: missing for a pulley, or for an isolator's rim; vibration needs the "
+            "inertia of each."
         )
     if g.arm_inertia is None:
-        raise ValueError("Tensioner.inertia: missing; vibration needs it of every tensioner.")
+        raise ValueError("Tensioner.inertia: missing; vibration needs it for every tensioner.")
     loops = g.loops
     lam, travel = g.span_ratios, g.travel
     u, z = span.layer_width(loops.spread(h.bendings), h.span_ratios, shaped.effective_tensions)
@@ -195,10 +219,11 @@ def _model(steady: SteadyState, shaped: SteadyState, eps) -> VibrationModel:
 
 
 def belt_inertia(groups: Groups) -> Float[Array, "pulleys pulleys"]:
-    """Inertia of the belt's own motion along its path, by the pulleys' rotations.
+    """Inertia of the belt's own motion along its path, for the pulleys' rotations.
 
     docs/theory/bodies.md, (M14). Spans move as straight lines between the rims that they leave
-    and meet, arcs with their pulleys. Zero where the model leaves it out, as the source does.
+    and meet, and arcs move with their pulleys. The inertia is zero where the model leaves it out,
+    as the source does.
     """
     g, loops = groups, groups.loops
     spans = loops.spread(g.masses) * g.span_ratios
@@ -211,6 +236,6 @@ def belt_inertia(groups: Groups) -> Float[Array, "pulleys pulleys"]:
 
 
 def has_inertias(drive: Drive) -> bool:
-    """Whether everything that turns or moves has the inertia that vibration needs."""
+    """Whether all rotors and tensioners have the inertia that vibration needs."""
     bodies = all(body.inertia is not None for body in drive.tensioners)
     return bodies and rotors(drive).inertias is not None

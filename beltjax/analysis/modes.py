@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Complex, Float
+from jaxtyping import Array, Bool, Complex, Float, Int
 
 from beltjax.analysis.damping import Damping, damping_matrix
 from beltjax.analysis.linearization import Linearization
@@ -37,16 +37,19 @@ from beltjax.results import (
 )
 
 Route = Literal["auto", "hermitian", "general"]
+Matrix = Float[Array, "size size"]
+# The model, and the places of the rotors that turn.
+CharacteristicArguments = tuple[VibrationModel, Int[Array, " turning"]]
 
 # Kinetic energy of rotors and tensioners above which a mode is rotational, below which the spans'.
 _MOSTLY = 0.6
 
 
 class Modes(Readable):
-    """Natural modes z = Re(shape e^{(growth + i frequency) t}), of lowest frequency first.
+    """Natural modes z = Re(shape e^{(growth + i frequency) t}), with the lowest frequency first.
 
-    Shapes are amplitudes, zero to peak, of a motion that stores 1 joule; in each, the coordinate
-    with the largest kinetic energy is real and positive.
+    Shapes are amplitudes, zero to peak, of a motion that stores 1 joule. In each shape the
+    coordinate with the largest kinetic energy is real and positive.
     """
 
     frequencies: Float[Array, " count"]  # [rad/s]
@@ -65,14 +68,15 @@ class Modes(Readable):
 
     @property
     def arm_rotations(self) -> Complex[Array, " count"]:
-        """Rotations of a single arm [rad], counterclockwise; 0 of none."""
+        """Rotations of a single arm [rad], counterclockwise; 0 without a tensioner."""
         return of_single(self.tensioner_motions)
 
     @usual_promotion
     def deflection(self, k: int, i: int, x: Array) -> Array:
         """Deflection of span i in mode k [m, zero to peak, complex], positive inwards.
 
-        x runs from 0 at the span's first listed pulley to 1 at its second.
+        x runs from 0 at the span's first listed pulley to 1 at its second. Raises `IndexError`
+        for a mode or a span that is not there.
         """
         lin = self.linearization
         if not 0 <= k < len(self.frequencies):
@@ -93,7 +97,10 @@ class Modes(Readable):
 
 
 def mode_label(rigid: float, spans: list[float]) -> str:
-    """What moves most, by the shares of kinetic energy of all that is rigid, and of the spans."""
+    """Name of the part that moves most.
+
+    `rigid` is the share of the kinetic energy in rotors and tensioners, `spans` that in each span.
+    """
     if rigid > _MOSTLY:
         return "rotational"
     largest = max(range(len(spans)), key=lambda i: spans[i])
@@ -113,22 +120,39 @@ def modes(
 ) -> Modes:
     """The `count` natural modes of lowest frequency of a linearized drive.
 
-    Kong (2003), chapter 4. `exact` polishes each frequency with the drive's own characteristic
-    function, without discretization error, and proves by counting that none is missing or
-    double; shapes remain those of the basis. `damping` asks for damped modes. A rigid rotation
-    (of a free drive) is left out.
+    Kong (2003), chapter 4; docs/theory/vibration.md. A rigid rotation (of a free drive) is left
+    out. Second derivatives exist for `exact` frequencies alone; all others are NaN.
 
-    Where the stiffness matrix is positive definite and nothing is damped the problem is
-    Hermitian; elsewhere a general eigenproblem is solved. `route` "auto" decides by the numbers,
-    which in a batch costs both; "hermitian" never solves the general one.
+    The result is that of the linearization where it failed, `drive_diverges` or `drive_flutters`
+    for an unstable drive, and `frequencies_not_isolated` where `exact` could not isolate a
+    frequency. With `throw=False` read `.result`: the values of an unstable drive are right under
+    "auto" and "general", and placeholders under "hermitian".
 
-    Second derivatives are there for `exact` frequencies alone; all others are NaN.
+    Args:
+        linearization: the drive about its steady state, as `linearize` returns it.
+        count: number of modes, at least 1 and at most the size of the linearization.
+        exact: polish each frequency with the drive's own characteristic function, which has no
+            discretization error, and prove by counting that none is missing or found twice.
+            Shapes remain those of the basis.
+        damping: find the modes with this damping; none is counted unless given, not even that
+            of the drive's own dampers.
+        route: "hermitian" solves the Hermitian problem, which needs a positive definite stiffness
+            matrix and no damping; "general" solves the general eigenproblem; "auto" decides by the
+            numbers, which in a batch costs both.
+        throw: raise where the result is a failure.
 
-    Fails with `drive_diverges` or `drive_flutters` for an unstable drive, as the linearization
-    failed, and with `frequencies_not_isolated` where `exact` could not close in. With
-    `throw=False` read `.result`: the values of an unstable drive are right under "auto" and
-    "general" and placeholders under "hermitian". Raises `ValueError` for a count above the
-    system's size.
+    Returns:
+        Frequencies and growth rates of shape [count], shapes and shares of energy.
+
+    Raises:
+        ValueError: `count` or `route` is not available, or `exact` is set beside damping,
+            `route="general"`, or a linearization with `fixed_steady` or `fixed_bending`.
+        AnalysisError: the result is a failure, and `throw` is set.
+
+    Examples:
+        >>> drive, point = bj.load_drive("examples/three_pulley.toml")
+        >>> modes = bj.modes(bj.linearize(bj.steady_state(drive, point)), 4, exact=True)
+        >>> modes.frequencies, modes.labels  # [rad/s], what moves most
     """
     found = _modes(strongly_typed(linearization), int(count), exact, strongly_typed(damping), route)
     return raise_unless_successful(found, found.result, throw)
@@ -158,10 +182,10 @@ def _modes(
 
 
 class FoundModes(NamedTuple):
-    """Modes as they were found, without derivatives."""
+    """Modes as the search found them, without derivatives."""
 
     eigen: Eigen
-    polished: Counted | None  # exact frequencies, where asked for
+    polished: Counted | None  # exact frequencies; None without `exact`
     definite: Bool[Array, ""]  # whether K is
     usable: Bool[Array, ""]  # whether the values mean anything
 
@@ -194,7 +218,10 @@ def _result(lin: Linearization, found: FoundModes, route: Route) -> RESULTS:
     )
 
 
-def _require_askable(lin: Linearization, count, size, exact, damping, route) -> None:
+def _require_askable(
+    lin: Linearization, count: int, size: int, exact: bool, damping: Damping | None, route: Route
+) -> None:
+    """Raise `ValueError` for options that are not available, or not together."""
     if not 1 <= count <= size:
         raise ValueError(f"count: found {count}; give 1 to {size}, or a larger basis.")
     if route not in ("auto", "hermitian", "general"):
@@ -206,44 +233,51 @@ def _require_askable(lin: Linearization, count, size, exact, damping, route) -> 
         )
 
 
-def _eigen(matrices, count: int, rigid: int, route: Route) -> tuple[Eigen, Bool[Array, ""]]:
-    """By the Hermitian form where it applies, and elsewhere as the route says."""
+def _eigen(
+    matrices: tuple[Matrix, Matrix, Matrix], count: int, rigid: int, route: Route
+) -> tuple[Eigen, Bool[Array, ""]]:
+    """Eigenvalues and vectors, and whether the stiffness matrix is positive definite.
+
+    The Hermitian form is used where it applies and the route admits it.
+    """
     M, C, K = matrices
     if route == "general":
-        # Of a damped drive it is not asked; an unstable one shows by its growth rates.
+        # This route does not need a definite matrix; growth rates show an unstable drive.
         return general_modes(M, C, K, count, rigid), jnp.array(True)
     hermitian, definite = hermitian_modes(M, C, K, count, rigid)
     if route == "hermitian":
         return hermitian, definite
 
-    def general(_):
+    def general(_: None) -> Eigen:
         return general_modes(M, C, K, count, rigid, after=hermitian.vectors)
 
     return jax.lax.cond(definite, lambda _: hermitian, general, None), definite
 
 
-def _safe_model(lin: Linearization, wanted) -> tuple[VibrationModel, Array]:
-    """What the characteristic function depends on: the model, harmless where not wanted."""
+def _safe_model(lin: Linearization, wanted: Bool[Array, ""]) -> CharacteristicArguments:
+    """Arguments of the characteristic function, with a harmless model where not `wanted`."""
     bare = _bare(lin.model)
     return jax.tree.map(lambda a, b: jnp.where(wanted, a, b), lin.model, bare), lin.rotors
 
 
-def _at(omega, args) -> Characteristic:
+def _at(omega: Float[Array, ""], args: CharacteristicArguments) -> Characteristic:
     model, rotors = args
     return characteristic(model, rotors, omega)
 
 
-def _value(omega, args) -> Array:
+def _value(omega: Float[Array, ""], args: CharacteristicArguments) -> Float[Array, ""]:
     return _at(omega, args).value
 
 
-def _polished(lin: Linearization, guesses, wanted) -> Counted:
-    """Frequencies as roots of the characteristic function, each by its number."""
+def _polished(
+    lin: Linearization, guesses: Float[Array, " count"], wanted: Bool[Array, ""]
+) -> Counted:
+    """Frequencies as roots of the characteristic function, each identified by its number."""
     args = _safe_model(lin, wanted)
     guesses = jnp.where(wanted, guesses, 1.0)
     numbers = _rigid(lin) + 1 + jnp.arange(len(guesses))
 
-    def polish(number, guess):
+    def polish(number: Int[Array, ""], guess: Float[Array, ""]) -> Counted:
         at = functools.partial(_at, args=args)
         return counted_root(at, number, guess, wanted=wanted)
 
@@ -251,7 +285,10 @@ def _polished(lin: Linearization, guesses, wanted) -> Counted:
 
 
 def exact_frequencies(lin: Linearization, found: FoundModes) -> Float[Array, " count"]:
-    """The polished frequencies with their derivatives; the basis' own where K is not definite."""
+    """The polished frequencies with their derivatives; those of the basis where K is not definite.
+
+    Those of the basis have no derivatives here.
+    """
     assert found.polished is not None
     wanted = found.definite & succeeded(lin.result)
     args = _safe_model(lin, wanted)
@@ -262,7 +299,7 @@ def exact_frequencies(lin: Linearization, found: FoundModes) -> Float[Array, " c
 
 
 def _bare(model: VibrationModel) -> VibrationModel:
-    """A model that any arithmetic survives, for lanes whose own would not."""
+    """A model for which all arithmetic stays finite, for lanes whose own model does not."""
     ones, none = jnp.ones_like(model.lam), jnp.zeros_like(model.lam)
     bodies, unit = jnp.zeros_like(model.a), jnp.eye(len(model.movable))
     return VibrationModel(
@@ -275,7 +312,7 @@ def _bare(model: VibrationModel) -> VibrationModel:
 
 
 def _tail(lin: Linearization, vectors: Array) -> Float[Array, " count"]:
-    """Largest share of a span's slope energy in its last two functions: what a basis misses."""
+    """Largest share of a span's slope energy in its last two functions: the error of a basis."""
     fields, *_ = lin.split(vectors)
     energy = jnp.abs(fields) ** 2  # the functions are orthonormal in slope
     whole = jnp.sum(energy, axis=(1, 2))
@@ -283,7 +320,12 @@ def _tail(lin: Linearization, vectors: Array) -> Float[Array, " count"]:
 
 
 def described(
-    lin: Linearization, found: FoundModes, dimensionless, growth, vectors, result: RESULTS
+    lin: Linearization,
+    found: FoundModes,
+    dimensionless: Float[Array, " count"],
+    growth: Float[Array, " count"],
+    vectors: Complex[Array, "count size"],
+    result: RESULTS,
 ) -> Modes:
     """Frequencies and vectors in physical units, with their shares of energy."""
     error = _tail(lin, found.eigen.vectors)
@@ -293,7 +335,7 @@ def described(
     fields, rotations, moved = lin.split(vectors)
     m, of = lin.model, lin.basis.products()
     spans = m.mu * m.lam**3 * _span_squares(lin, fields, moved, of)
-    # What the belt's own motion along its path adds couples rotors; each gets half of that.
+    # The belt's own motion along its path couples rotors; each is counted with half of a coupling.
     rotors = jnp.abs(jnp.conj(rotations) * (rotations @ m.M_r))
     bodies = jnp.sum(jnp.conj(moved) * (moved @ m.M), axis=1).real
     whole = jnp.sum(spans, axis=1) + jnp.sum(rotors, axis=1) + bodies
@@ -318,8 +360,13 @@ def described(
     )
 
 
-def _span_squares(lin: Linearization, fields, moved, of: Products) -> Float[Array, "count spans"]:
-    """Integrals of |w|^2 over each span, lift included."""
+def _span_squares(
+    lin: Linearization,
+    fields: Complex[Array, "count spans n"],
+    moved: Complex[Array, "count coordinates"],
+    of: Products,
+) -> Float[Array, "count spans"]:
+    """Integrals of |w|^2 over each span, with the lift by the tensioners."""
     lift, square = lift_products(lin.model, of)
     own = jnp.einsum("ksa,ab,ksb->ks", jnp.conj(fields), of.value, fields).real
     cross = jnp.einsum("ksa,saq,kq->ks", jnp.conj(fields), lift, moved)
@@ -327,7 +374,7 @@ def _span_squares(lin: Linearization, fields, moved, of: Products) -> Float[Arra
 
 
 class Causes(NamedTuple):
-    """What the frequencies of a linearization depend on; with a leading axis, their slopes."""
+    """Numbers on which the frequencies of a linearization depend; with a leading axis, slopes."""
 
     model: VibrationModel
     elongations: Float[Array, "spans size"]
@@ -335,27 +382,28 @@ class Causes(NamedTuple):
 
 
 def causes(lin: Linearization) -> Causes:
-    """What the frequencies of `lin` depend on."""
+    """The numbers on which the frequencies of `lin` depend."""
     return Causes(lin.model, lin.elongations, lin.scales.time)
 
 
 def _forms(lin: Linearization, at: Causes, eigen: Eigen) -> Forms:
-    """Forms of the undamped matrices, as they follow from `at`."""
+    """Forms of the undamped matrices, as functions of `at`."""
     return forms_of_spans(
         at.model, lin.basis, at.elongations, lin.rotors, eigen.left, eigen.vectors
     )
 
 
 def modes_with_slopes(lin: Linearization, count: int) -> tuple[Modes, Causes]:
-    """Undamped modes, and the derivative of each frequency by what it depends on.
+    """Undamped modes, and the derivative of each frequency by the numbers it depends on.
 
-    The same as those of `modes`, at a fraction of the compiling: the shapes' are left out.
+    The modes are those of `modes`. Derivatives of the shapes are left out, which saves most of the
+    compiling.
     """
     found = found_modes(lin, lin.gyroscopic, count, False, "hermitian")
     eigen = found.eigen
     result = _result(lin, found, "hermitian")
 
-    def frequencies(at: Causes):
+    def frequencies(at: Causes) -> Float[Array, " count"]:
         raw = eigenvalues(eigen.values, _forms(lin, at, eigen)).imag / at.time
         return frozen_where_failed(raw, RESULTS.where(found.usable, RESULTS.successful, result))
 

@@ -36,7 +36,7 @@ METHODS = ("exact", "perturbation")
 class MovingBeamModes(eqx.Module):
     """Frequencies and complex modes of a moving beam: w(x, t) = Re[shape(x) e^{-i omega t}].
 
-    Dimensionless: x over the span's length L, frequencies in sqrt(P/m)/L.
+    All is dimensionless: x is over the span's length L, and frequencies are in sqrt(P/m)/L.
     """
 
     frequencies: Float[Array, " count"]  # omega, ascending
@@ -83,23 +83,40 @@ def moving_beam_modes(
 ) -> MovingBeamModes:
     """The lowest `count` frequencies and modes of a tensioned beam that moves along itself.
 
-    `bending` is eps = sqrt(EI/P)/L >= 0 and `speed` v = c sqrt(m/P), of either sign, for tension
-    P, span length L, mass per length m and transport speed c. `ends` are the supports at x = 0
-    and x = 1, each "simple" (w = w'' = 0) or "fixed" (w = w' = 0). Kong (2003), chapter 2.
+    Kong (2003), chapter 2; docs/theory/moving_beam.md. Tension is P, span length L, mass per length
+    m and transport speed c. Both methods are differentiable in `bending` and `speed`, also at 0.
 
     "exact" solves the boundary determinant for any bending >= 0 and any speed below critical,
     v^2 = 1 + beta^2 bending^2 with beta = pi for simple supports, 4.4934 with one fixed end and
-    2 pi with two; `error` is what one more step would change. "perturbation" is (2.28), (2.37)
-    or (2.38) with the next term (docs/theory/moving_beam.md, (B10) and (B11)), the roots (2.15)
-    and the modes (2.34), for speeds below 1 and small bending; `error` is the size of the last
-    term.
+    2 pi with two; `error` is the size of the last step of Newton's method. "perturbation" is
+    (2.28), (2.37) or (2.38) with the next term (docs/theory/moving_beam.md, (B10) and (B11)), the
+    roots (2.15) and the modes (2.34), for speeds below 1 and small bending; `error` is the size of
+    the last term.
 
-    Both are differentiable in `bending` and `speed`, also at 0. Raises `ValueError` for what is
-    wrong whatever the numbers, or known to be.
+    The result is `beyond_critical_speed` at the critical speed and above, `beam_unusable` for a
+    bending that is negative or numbers that are not finite, and `frequency_not_found` where the
+    search did not end. With `throw=False` read `.result`: then all values are zero, with zero
+    derivatives.
 
-    Fails with `beyond_critical_speed` at the critical speed and above, and with `beam_unusable`
-    for traced numbers that make no sense. With `throw=False` read `.result`: then all values are
-    zero, with zero derivatives.
+    Args:
+        bending: eps = sqrt(EI/P)/L >= 0, a number; 0 for a string.
+        speed: v = c sqrt(m/P), a number of either sign.
+        ends: the supports at x = 0 and x = 1, each "simple" (w = w'' = 0) or "fixed"
+            (w = w' = 0).
+        count: number of frequencies, 1 or more.
+        method: "exact" or "perturbation".
+        throw: raise where the result is a failure.
+
+    Returns:
+        Frequencies of shape [count] in sqrt(P/m)/L, and the modes.
+
+    Raises:
+        ValueError: an option is unknown, `count` is not a whole number above 0, or `bending` or
+            `speed` is an array, not finite or, for `bending`, negative.
+        AnalysisError: the result is a failure, and `throw` is set.
+
+    Examples:
+        >>> bj.moving_beam_modes(0.01, 0.5, ("fixed", "fixed")).frequencies
     """
     ends, count = _checked_ends(ends), _checked_count(count)
     if method not in METHODS:
@@ -124,12 +141,31 @@ def span_frequencies(
 ) -> SpanFrequencies:
     """The lowest `count` frequencies [Hz] of each span of a running drive, taken alone.
 
-    What a tension meter listens to: a span between its tangent points, under its running tension
-    P_i + T, moving at the belt's speed, with pulleys and arm at rest. `ends` as in
-    `moving_beam_modes`; those of a real span lie between "simple" and "fixed".
+    A tension meter measures them. A span between its tangent points, under its running tension
+    P_i + T, moves at the belt's speed, while pulleys and tensioners do not vibrate. Kong (2003),
+    chapter 2; docs/theory/moving_beam.md.
 
-    Fails as `steady_state` does. With `throw=False` read `.result`: a failed lane of a batch
-    holds zeros with zero derivatives.
+    The result is that of `steady_state`, or `frequency_not_found`. With `throw=False` read
+    `.result`: a failed lane of a batch holds zeros with zero derivatives.
+
+    Args:
+        drive: the drive.
+        point: speeds and torques.
+        ends: the supports of each span, as in `moving_beam_modes`; those of a real span lie
+            between "simple" and "fixed".
+        count: number of frequencies of each span, 1 or more.
+        throw: raise where the result is a failure.
+
+    Returns:
+        Frequencies of shape [spans, count], with each span's tension, bending and speed.
+
+    Raises:
+        ValueError: `ends` or `count` is not available.
+        AnalysisError: the result is a failure, and `throw` is set.
+
+    Examples:
+        >>> drive, point = bj.load_drive("examples/three_pulley.toml")
+        >>> bj.span_frequencies(drive, point).hertz[:, 0]  # the lowest of each span
     """
     ends, count = _checked_ends(ends), _checked_count(count)
     found = _span_frequencies(*canonical(drive, point), ends, count)
@@ -211,7 +247,7 @@ def _modes(eps: Scalar, v: Scalar, ends: Ends, count: int, method: Method) -> Mo
     result = RESULTS.where(unfound, RESULTS.frequency_not_found, result)
     good = succeeded(result)
 
-    def kept(values):
+    def kept(values: Array) -> Array:
         return jnp.where(good, values, jnp.zeros_like(values))
 
     modes = MovingBeamModes(
@@ -235,7 +271,7 @@ def _span_frequencies(
 ) -> SpanFrequencies:
     steady = steady_state(drive, point, throw=False)
     groups = steady.groups
-    # Section 1 scales each span by its own length and tension P_i + T; Q is that less s^2.
+    # A single beam is scaled by its own length and tension P_i + T; Q is that tension less s^2.
     loops = groups.loops
     mass, speed = loops.spread(groups.masses), loops.spread(groups.speeds)
     root = jnp.sqrt(steady.effective_tensions + mass * speed**2)

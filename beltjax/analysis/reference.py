@@ -1,4 +1,4 @@
-"""Reference state: the belts at rest as strings, steady torques applied.
+"""Reference state: the belts at rest as strings, with steady torques applied.
 
 docs/theory/reference_state.md, (R1) to (R5), and docs/theory/bodies.md, (M5) and (M6).
 """
@@ -30,7 +30,7 @@ from beltjax.drive.installation import (
     AdjustedToTension,
     TensionGiven,
 )
-from beltjax.drive.layout import Layout, Outline, belt_path, layout, outline
+from beltjax.drive.layout import Layout, Outline, Path, belt_path, layout, outline
 from beltjax.drive.loops import Loops
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.placeholders import harmless, usable
@@ -47,7 +47,7 @@ from beltjax.results import (
     succeeded,
 )
 
-LARGEST_STRAIN = 0.1  # beyond this a belt is not stretched but broken
+LARGEST_STRAIN = 0.1  # a belt breaks before it is stretched so far
 
 
 class ReferenceState(Readable):
@@ -74,12 +74,12 @@ class ReferenceState(Readable):
 
     @property
     def base_tension(self) -> Float[Array, ""]:
-        """P0 of the first belt [N]: what tensions are measured in."""
+        """P0 of the first belt [N], the unit of tensions."""
         return self.base_tensions[0]
 
     @property
     def unstretched_length(self) -> Float[Array, ""]:
-        """L0 of the belt, or of all together [m]."""
+        """L0 of the belt, or the sum over all belts [m]."""
         return jnp.sum(self.unstretched_lengths)
 
 
@@ -95,18 +95,19 @@ class _Problem(NamedTuple):
     EA: Float[Array, " belts"]
     fixed: Float[Array, " coordinates"]  # 1 where `at` is given instead of a balance
     at: Float[Array, " coordinates"]
-    # Of a locked coordinate that is moved until another stands at `at`: 1 in its row there.
+    # The row of a locked coordinate that is moved until another stands at `at` has a 1 in the
+    # other's column and -1 in its own.
     marks: Float[Array, "coordinates coordinates"]
     flux: Float[Array, " spans"] | None = None  # m c^2 of a running belt [N]; None: at rest
 
     @property
     def units(self) -> Float[Array, " coordinates"]:
-        """What coordinates are searched in."""
+        """Units of the coordinates in the search."""
         return search_units(self.outline.bodies, self.length)
 
 
 class _Standing(NamedTuple):
-    """The drive where a problem is solved."""
+    """The drive at the solution of a problem."""
 
     layout: Layout
     tensions: Float[Array, " spans"]  # [N]
@@ -126,7 +127,7 @@ class RunningString(NamedTuple):
 
 
 class _Rest(NamedTuple):
-    """Where a search for the bodies' rest has ended."""
+    """The end of a search for the bodies' rest."""
 
     root: Float[Array, " unknowns"]
     found: Bool[Array, ""]
@@ -140,13 +141,31 @@ def reference_state(drive: Drive, point: OperatingPoint, *, throw: bool = True) 
     Under `TensionGiven` the drawn layout is the torque-free state; under `BeltGiven` the
     unstretched belts and the springs' free positions are held; under `AdjustedToTension` and
     `AdjustedToMark` a locked tensioner is moved before. Bodies may come to rest at their stops.
-    Solves docs/theory/reference_state.md, (R2) and (R3), with (M6) of
+    The equations are (R2) and (R3) of docs/theory/reference_state.md, with (M6) of
     docs/theory/bodies.md for the bodies.
 
-    Fails with `numbers_unusable`, the layout's results, `belt_does_not_fit`, `belt_too_long`,
-    `belt_too_short` (strain above a tenth), `tensioner_unstable` or `span_slack`.
-    Failed lanes of a batch hold finite numbers, the state's own where it was found (`span_slack`)
-    and placeholders elsewhere, with zero derivatives.
+    The result is a failure with `numbers_unusable`, the layout's results, `belt_does_not_fit`,
+    `belt_too_long`, `belt_too_short` (strain above a tenth), `tensioner_unstable`, `span_slack` or,
+    where every tension is given, `arm_at_stop`. With `throw=False` read `.result`: failed lanes of
+    a batch hold finite numbers with zero derivatives, the state's own where it was found
+    (`span_slack`) and placeholders elsewhere.
+
+    Args:
+        drive: the drive.
+        point: the torques; its speeds do not matter at rest.
+        throw: raise where the result is a failure.
+
+    Returns:
+        The state at rest, in SI units.
+
+    Raises:
+        KeyError: a torque is given for a pulley that is not there.
+        AnalysisError: the result is a failure, and `throw` is set.
+
+    Examples:
+        >>> drive, point = bj.load_drive("examples/three_pulley.toml")
+        >>> rest = bj.reference_state(drive, point)
+        >>> rest.tensions, rest.unstretched_length  # [N], [m]
     """
     state = _reference_state(*canonical(drive, point))
     return raise_unless_successful(state, state.result, throw)
@@ -161,7 +180,7 @@ def _reference_state(drive: Drive, point: OperatingPoint) -> ReferenceState:
 
 
 def resting(drive: Drive, point: OperatingPoint) -> ReferenceState:
-    """`reference_state` of numbers that are usable, derivatives of failed lanes not yet barred."""
+    """`reference_state` of usable numbers; failed lanes still carry derivatives."""
     drawn = layout(drive, throw=False)
     rule = drive.installation
     if isinstance(rule, TensionGiven) and rule.span_tensions is not None:
@@ -169,8 +188,14 @@ def resting(drive: Drive, point: OperatingPoint) -> ReferenceState:
     return _solved_state(drive, point, drawn)
 
 
-def _printed_state(drive, point, drawn, tension, tensions) -> ReferenceState:
-    """The drawn layout with every tension named; torques are not used."""
+def _printed_state(
+    drive: Drive,
+    point: OperatingPoint,
+    drawn: Layout,
+    tension: Float[Array, "*belts"],
+    tensions: Float[Array, " spans"],
+) -> ReferenceState:
+    """The drawn layout with every tension given; torques are not used."""
     holding = held_by_tensions(drive, drawn, tensions)
     stops, still = bodies(drive).stops, jnp.zeros_like(drawn.coordinates)
     result = first_failure(
@@ -185,7 +210,8 @@ def _printed_state(drive, point, drawn, tension, tensions) -> ReferenceState:
     return _state(drive, driven, drawn, stands, base, still, holding, rest, result)
 
 
-def _solved_state(drive, point, drawn) -> ReferenceState:
+def _solved_state(drive: Drive, point: OperatingPoint, drawn: Layout) -> ReferenceState:
+    """The state for which (M6) and (R3) are solved, first without torques and then with them."""
     loops, rule, driven = Loops(drive.loop_sizes), drive.installation, transmission(drive, point)
     offsets, moments = _tension_offsets(drive, driven, loops), _housed_moments(drive, driven)
     still = jnp.zeros_like(drawn.coordinates)
@@ -224,7 +250,7 @@ def _solved_state(drive, point, drawn) -> ReferenceState:
 def running_string(
     drive: Drive, point: OperatingPoint, rest: ReferenceState, flux: Float[Array, " spans"]
 ) -> RunningString:
-    """The belts of a reference state running as strings, m c^2 being `flux` [N]."""
+    """The belts of a reference state running as strings, where m c^2 is `flux` [N]."""
     loops, driven = Loops(drive.loop_sizes), transmission(drive, point)
     offsets, moments = _tension_offsets(drive, driven, loops), _housed_moments(drive, driven)
     rested = succeeded(rest.result)
@@ -251,7 +277,11 @@ def running_string(
 
 
 def _standing(
-    drive: Drive, problem: _Problem, loops: Loops, unknown: Float[Array, " unknowns"], good
+    drive: Drive,
+    problem: _Problem,
+    loops: Loops,
+    unknown: Float[Array, " unknowns"],
+    good: Bool[Array, ""],
 ) -> _Standing:
     """The drive at the root of a problem; stops hold nothing where that is not `good`."""
     count = len(problem.fixed)
@@ -264,15 +294,26 @@ def _standing(
     return _Standing(at, tensions, momentum, at_stop, jnp.where(at_stop != 0, push, 0.0))
 
 
-def _harmless(problem: _Problem, good, spare: Held, at) -> _Problem:
-    """`problem` where it is good; elsewhere one without loads, solved by `spare` and `at`."""
+def _harmless(
+    problem: _Problem, good: Bool[Array, ""], spare: Held, at: Float[Array, " coordinates"]
+) -> _Problem:
+    """`problem` where it is good; elsewhere one without loads, which `spare` and `at` solve."""
     loads = problem.offsets, problem.moments, problem.flux
     offsets, moments, flux = jax.tree.map(lambda load: jnp.where(good, load, 0.0), loads)
     held, at = _replaced(good, problem.held, spare), jnp.where(good, problem.at, at)
     return problem._replace(held=held, offsets=offsets, moments=moments, flux=flux, at=at)
 
 
-def _problem(drive: Drive, drawn: Layout, held: Held, offsets, moments, scale, at) -> _Problem:
+def _problem(
+    drive: Drive,
+    drawn: Layout,
+    held: Held,
+    offsets: Float[Array, " spans"],
+    moments: Float[Array, " coordinates"],
+    scale: Float[Array, ""],
+    at: Float[Array, " coordinates"],
+) -> _Problem:
+    """The problem of a drive at rest, with locked bodies standing at `at`."""
     of, count = outline(drive), len(drive.tensioners)
     return _Problem(
         outline=of,
@@ -288,10 +329,12 @@ def _problem(drive: Drive, drawn: Layout, held: Held, offsets, moments, scale, a
     )
 
 
-def _bare_state(drive: Drive, loops: Loops, problem: _Problem, drawn: Layout):
+def _bare_state(
+    drive: Drive, loops: Loops, problem: _Problem, drawn: Layout
+) -> tuple[Float[Array, " belts"], Float[Array, " coordinates"], Held, RESULTS]:
     """Tensions and coordinates of given belts without torques, and whether they fit.
 
-    Where they do not, the tensions are harmless positive numbers without derivative.
+    Where they do not fit, the tensions are harmless positive numbers without derivative.
     """
     rule = drive.installation
     if isinstance(rule, AdjustedToMark):
@@ -319,14 +362,23 @@ def _bare_state(drive: Drive, loops: Loops, problem: _Problem, drawn: Layout):
     return unknown[count:] * problem.scale, at, holding, result
 
 
-def _replaced(good, held: Held, spare: Held) -> Held:
+def _replaced(good: Bool[Array, ""], held: Held, spare: Held) -> Held:
     """`held` where it is good; elsewhere `spare`, without derivatives."""
     return jax.tree.map(lambda a, b: jnp.where(good, a, jax.lax.stop_gradient(b)), held, spare)
 
 
 def _state(
-    drive, driven: Transmission, drawn, stands: _Standing, base, installed, holding, rest, result
+    drive: Drive,
+    driven: Transmission,
+    drawn: Layout,
+    stands: _Standing,
+    base: Float[Array, " belts"],
+    installed: Float[Array, " coordinates"],
+    holding: Held,
+    rest: _Rest,
+    result: RESULTS,
 ) -> ReferenceState:
+    """The result object of a state, from its parts."""
     single, coordinates = len(drive.tensioners) == 1, stands.layout.coordinates
     return ReferenceState(
         layout=stands.layout,
@@ -350,8 +402,8 @@ def _state(
 def _tension_offsets(drive: Drive, driven: Transmission, loops: Loops) -> Float[Array, " spans"]:
     """Tension of each span above the mean of those that leave a belt's tensioner pulleys (R2).
 
-    In the direction of travel the span that leaves an accessory carries M/r more. On a belt
-    without a tensioner the first span is the reference.
+    In the direction of travel the span that leaves an accessory carries M/r more than the one
+    before. On a belt without a tensioner the first span is the reference.
     """
     steps = driven.travel * driven.torques / drive.radii  # P_i - P_{i-1} at pulley i
     offsets = jnp.cumsum(steps)
@@ -363,9 +415,9 @@ def _tension_offsets(drive: Drive, driven: Transmission, loops: Loops) -> Float[
 
 
 def _housed_moments(drive: Drive, driven: Transmission) -> Float[Array, " coordinates"]:
-    """Moment of the accessories that are bolted to the bodies, on every body that they turn with.
+    """Moments of accessories that are bolted to bodies, on each body with which they turn.
 
-    The belt turns the accessory's rotor; its housing passes that torque on to the body.
+    The belt turns the accessory's rotor, and the housing passes that torque on to the body.
     """
     of = bodies(drive)
     housed = jax.lax.stop_gradient(jnp.stack([pulley.housed for pulley in drive.pulleys]))
@@ -375,19 +427,24 @@ def _housed_moments(drive: Drive, driven: Transmission) -> Float[Array, " coordi
 
 
 def _likely_tension(drive: Drive) -> Float[Array, ""]:
-    """Tension of a belt strained by a few thousandths, a first guess."""
+    """Tension of a belt with a strain of a few thousandths, as a first guess."""
     return 2.5e-3 * jax.lax.stop_gradient(drive.belt.axial_stiffness)
 
 
-def _push(at, coordinates, tensions, problem: _Problem) -> Float[Array, " coordinates"]:
-    """What is left of (M6) on each body [N m] or [N]: the force of a stop or a lock."""
+def _push(
+    at: Layout | Path,
+    coordinates: Float[Array, " coordinates"],
+    tensions: Float[Array, " spans"],
+    problem: _Problem,
+) -> Float[Array, " coordinates"]:
+    """Residual of (M6) on each body [N m] or [N], which is the force of a stop or a lock."""
     holding = problem.held
     springs_push = holding.stiffness @ coordinates - holding.relaxed
     return belt_pull(at, tensions) + springs_push - problem.moments
 
 
 def _residuals(unknown: Float[Array, " unknowns"], problem: _Problem, loops: Loops) -> Array:
-    """(M6) over a tension and a length, and (R3) over the mean span."""
+    """Residuals of (M6) over a tension and a length, and of (R3) over the mean span."""
     count = len(problem.fixed)
     units = problem.units
     coordinates = unknown[:count] * units
@@ -397,8 +454,8 @@ def _residuals(unknown: Float[Array, " unknowns"], problem: _Problem, loops: Loo
     length = unstretched(problem.EA, at, tensions, loops) - problem.held.lengths
     push = _push(at, coordinates, pulling, problem) * units / (problem.scale * problem.length)
     place = (coordinates + problem.marks @ coordinates - problem.at) / units
-    # What the push would move beyond a stop stands there: zero exactly where a stop's force, which
-    # only pushes, balances the rest.
+    # A body that the push would move beyond a stop stands at the stop. The residual is zero exactly
+    # where the stop's force, which only pushes, balances the other forces.
     ends = ways(problem.outline.bodies.stops, jnp.zeros(count), units)
     wanted = jnp.clip(unknown[:count] - push, ends[:, 0], ends[:, 1])
     free = unknown[:count] - wanted
@@ -406,38 +463,50 @@ def _residuals(unknown: Float[Array, " unknowns"], problem: _Problem, loops: Loo
     return jnp.concatenate([balance, length / problem.length])
 
 
-def _momentum(tensions, problem: _Problem, loops: Loops) -> Array | float:
-    """Momentum flux G V of the belt [N]: its mass flow is that of the unstretched belt."""
+def _momentum(
+    tensions: Float[Array, " spans"], problem: _Problem, loops: Loops
+) -> Float[Array, " spans"] | float:
+    """Momentum flux G V of the belt [N], whose mass flow is that of the unstretched belt."""
     if problem.flux is None:
         return 0.0
     return problem.flux * (1 + tensions / loops.spread(problem.EA))
 
 
 def _search(problem: _Problem, loops: Loops, start: Float[Array, " unknowns"]) -> _Rest:
-    """Coordinates and tension levels by Newton's method, at whatever stops hold them."""
+    """Coordinates and tension levels by Newton's method, with stops counted."""
     problem, start = jax.lax.stop_gradient((problem, start))
     count = len(problem.fixed)
-    # A slack or a tenfold tension may be passed on the way; a body must not jump.
+    # The search may pass through slack and tenfold tensions, but a body must not jump.
     largest = jnp.concatenate([jnp.full(count, LARGEST_MOVE), jnp.full(len(loops.sizes), 20.0)])
     found = system_root(lambda x: _residuals(x, problem, loops), start, largest)
     good = found.converged & jnp.all(jnp.isfinite(found.root))
     return _Rest(found.root, good, jnp.max(jnp.abs(found.residual)), found.steps)
 
 
-def _root(problem: _Problem, loops: Loops, rest: _Rest, good, spare) -> Array:
+def _root(
+    problem: _Problem,
+    loops: Loops,
+    rest: _Rest,
+    good: Bool[Array, ""],
+    spare: Float[Array, " unknowns"],
+) -> Float[Array, " unknowns"]:
     """Coordinates and tensions with their derivatives, or `spare` where not good.
 
-    `problem` is harmless where it is not good.
+    `problem` must be harmless where it is not good.
     """
     root = jnp.where(good, rest.root, jax.lax.stop_gradient(spare))
     return implicit_root(lambda x, p: _residuals(x, p, loops), problem, root)
 
 
-def _stopped(coordinates, push, problem: _Problem) -> Float[Array, " coordinates"]:
+def _stopped(
+    coordinates: Float[Array, " coordinates"],
+    push: Float[Array, " coordinates"],
+    problem: _Problem,
+) -> Float[Array, " coordinates"]:
     """-1 where a stop holds a body at its least, 1 at its greatest coordinate, else 0."""
     stops = problem.outline.bodies.stops
     free = problem.fixed == 0
-    # A body at a stop is there to rounding, and is pushed on.
+    # A body at a stop stands there to rounding, and is pushed against it.
     near = 1e-9 * (1.0 + jnp.abs(coordinates))
     below = free & (coordinates <= stops[:, 0] + near) & (push > 0)
     above = free & (coordinates >= stops[:, 1] - near) & (push < 0)
@@ -445,9 +514,9 @@ def _stopped(coordinates, push, problem: _Problem) -> Float[Array, " coordinates
 
 
 def _is_stable(drive: Drive, stands: _Standing) -> Bool[Array, ""]:
-    """Whether springs and belt hold the bodies: the exact stiffness is positive definite.
+    """Whether springs and belt hold the bodies, that is, the exact stiffness is positive definite.
 
-    That is the stiffness at rest, where a belt of given length stretches as the bodies move.
+    It is the stiffness at rest, where a belt of given length stretches as the bodies move.
     """
     at, tensions, locked = stands.layout, stands.tensions, bodies(drive).locked
     if not len(locked):

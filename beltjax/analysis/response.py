@@ -31,14 +31,27 @@ from beltjax.results import (
     succeeded,
 )
 
-_POINTS = 65  # at which the peak of a span is looked for before it is refined
+_POINTS = 65  # of a grid on which the peak of a span is found before it is refined
+
+
+# Coordinates (None: exact), rotations of the rotors, motions of the tensioners, strains and peaks
+# of the spans, all at one frequency.
+Fields = tuple[
+    Complex[Array, " size"] | None,
+    Complex[Array, " rotors"],
+    Complex[Array, " coordinates"],
+    Complex[Array, " spans"],
+    Float[Array, " spans"],
+]
+# The crank's rotation, and the torques as `_response` takes them.
+Shaken = tuple[Complex[Array, ""], Complex[Array, " pulleys"]]
 
 
 class Excitation(eqx.Module):
     """A harmonic excitation: the driver's rotation, torques on pulleys, or both.
 
-    Amplitudes are zero to peak and may be complex: z(t) = Re(z e^{i Omega t}). Torques act in
-    the direction of belt travel.
+    `crank` is the driver's rotation [rad]. Amplitudes are zero to peak and may be complex:
+    z(t) = Re(z e^{i Omega t}). Torques act in the direction of belt travel.
     """
 
     crank: Complex[Array, ""] = eqx.field(converter=as_complex, default=0.0)
@@ -50,7 +63,7 @@ class Excitation(eqx.Module):
     def on(self, names: tuple[str, ...]) -> Complex[Array, " pulleys"]:
         """Torque on each pulley [N m]; raises `ValueError` for a name that is not there.
 
-        Without `names`, which only torques need, the one zero that stands for none.
+        Without torques and without `names`, which only torques need, it is a single zero.
         """
         if not self.torques:
             names = names or ("",)
@@ -73,8 +86,8 @@ class Response(Readable):
     span_peaks: Float[Array, "points spans"]  # largest deflection over each span [m]
     tensions: Complex[Array, "points spans"]  # tension fluctuations [N]
     hub_loads: Float[Array, "points pulleys"]  # [N], of the vector sum of those tensions
-    # By what factor the excitation may grow until a span goes slack, where the fluctuation of its
-    # tension reaches its running tension. Below 1 the linear response is not to be trusted.
+    # The factor by which the excitation may grow until a span goes slack, where the fluctuation of
+    # its tension reaches its running tension. Below 1 the linear response does not hold.
     slack_factors: Float[Array, "points spans"]
     stiffness_ratios: Float[Array, "points pulleys"]  # of the steady state, as `SteadyState` has
     coordinates: Complex[Array, "points size"] | None  # in the linearization's basis; None: exact
@@ -83,7 +96,7 @@ class Response(Readable):
 
     @property
     def arm_rotation(self) -> Complex[Array, " points"]:
-        """Rotation of a single arm [rad], counterclockwise; 0 of none."""
+        """Rotation of a single arm [rad], counterclockwise; 0 without a tensioner."""
         return of_single(self.tensioner_motions)
 
 
@@ -99,15 +112,36 @@ def frequency_response(
 ) -> Response:
     """Response of a linearized drive to a harmonic excitation at `frequencies` > 0 [rad/s].
 
-    Solves (-Omega^2 M + i Omega (G + C) + K) z = f; `damping` is `Damping()` unless given: the
-    arm's own. `names` are the drive's pulley names, needed for torques. `exact` solves the
-    spans in closed form instead, D(Omega) z = f (docs/theory/vibration.md, (V14) to (V16)), for arm
-    damping alone.
+    It solves (-Omega^2 M + i Omega (G + C) + K) z = f, docs/theory/vibration.md. The result is that
+    of the linearization, or `response_not_finite` where there is no finite motion; all values are
+    then zero. With `throw=False` read `.result`. The warning `span_slackens` in `.warning` says
+    that a span's tension fluctuates by more than its running tension.
 
-    Raises `ValueError` for frequencies that are empty or not positive, for an excitation of a
-    pulley that is not there, for crank motion of a drive linearized `free`, and for `exact`
-    with modal or stiffness damping. Fails as the linearization failed, and with
-    `response_not_finite` where no finite motion answers. With `throw=False` read `.result`.
+    Args:
+        linearization: the drive about its steady state, as `linearize` returns it.
+        frequencies: one angular frequency or [points] of them, > 0 [rad/s].
+        excitation: crank motion and torques. Crank motion has no effect on a drive linearized with
+            `free`.
+        names: `drive.pulley_names`, which are needed where the excitation has torques.
+        damping: `Damping()` unless given, which counts the drive's own dampers.
+        exact: solve the spans in closed form instead, D(Omega) z = f of docs/theory/vibration.md,
+            (V14) to (V16), with the damping of the drive's own dampers alone.
+        throw: raise where the result is a failure.
+
+    Returns:
+        Amplitudes zero to peak, with the frequencies along the first axis.
+
+    Raises:
+        ValueError: frequencies are missing or not positive, the excitation names a pulley that is
+            not there, or `exact` is set beside modal or stiffness damping or with a linearization
+            that is `free` or has `fixed_steady` or `fixed_bending`.
+        AnalysisError: the result is a failure, and `throw` is set.
+
+    Examples:
+        >>> drive, point = bj.load_drive("examples/three_pulley.toml")
+        >>> linearization = bj.linearize(bj.steady_state(drive, point))
+        >>> crank = bj.Excitation(crank=0.01)  # [rad]
+        >>> bj.frequency_response(linearization, [100.0, 200.0], crank).hub_loads  # [N]
     """
     damping = Damping() if damping is None else damping
     frequencies = jnp.atleast_1d(as_real(frequencies))
@@ -127,7 +161,14 @@ def frequency_response(
 
 
 @boundary_jit
-def _response(lin, frequencies, crank, torques, damping, exact: bool) -> Response:
+def _response(
+    lin: Linearization,
+    frequencies: Float[Array, " points"],
+    crank: Complex[Array, ""],
+    torques: Complex[Array, " pulleys"] | Complex[Array, "1"],
+    damping: Damping,
+    exact: bool,
+) -> Response:
     """`frequency_response` to torques [pulleys], or [1] for the same on each."""
     forces = jnp.broadcast_to(torques / lin.scales.energy, (lin.spans,))
     omega = frequencies * lin.scales.time
@@ -153,10 +194,16 @@ def _require_closed_form(lin: Linearization, damping: Damping) -> None:
         raise ValueError("exact: leave out free, fixed_steady and fixed_bending.")
 
 
-def _by_basis(lin: Linearization, omega, crank, forces, damping: Damping):
+def _by_basis(
+    lin: Linearization,
+    omega: Float[Array, ""],
+    crank: Complex[Array, ""],
+    forces: Complex[Array, " pulleys"],
+    damping: Damping,
+) -> Fields:
     """Coordinates, strains and peaks at one frequency by the linearization's basis."""
     C = lin.gyroscopic + damping_matrix(lin, damping)
-    factor = 1 + 1j * omega * damping.stiffness / lin.scales.time  # belt, with its damping
+    factor = 1 + 1j * omega * damping.stiffness / lin.scales.time  # of a damped stiffness
     pencil = lin.stiffness - omega**2 * lin.mass + 1j * omega * C
     work = lin.model.lam * lin.model.gam
     load = -factor * crank * (lin.elongations.T @ (work * lin.driving))
@@ -173,14 +220,14 @@ def _by_basis(lin: Linearization, omega, crank, forces, damping: Damping):
 
 
 def _peak(deflection: Callable[[Array, int], Array]) -> Float[Array, ""]:
-    """Largest |w| over a span: the best of a grid, and one Newton step from there."""
+    """Largest |w| over a span: the largest on a grid, refined by one step of Newton's method."""
     grid = jnp.linspace(0.0, 1.0, _POINTS)
     best = grid[jnp.argmax(jnp.abs(jax.vmap(lambda x: deflection(x, 0))(grid)))]
     w, slope, bend = (jax.lax.stop_gradient(deflection(best, order)) for order in range(3))
     first = (jnp.conj(w) * slope).real
     second = (jnp.conj(w) * bend).real + jnp.abs(slope) ** 2
     step = jnp.where(second < 0, -first / jnp.where(second < 0, second, 1.0), 0.0)
-    # At the best place itself the slope vanishes: its move changes nothing to first order.
+    # The slope vanishes at the peak, so that a move of its place changes nothing to first order.
     place = jnp.clip(best + jnp.clip(step, -1 / _POINTS, 1 / _POINTS), 0.0, 1.0)
     return _modulus(deflection(place, 0))
 
@@ -191,10 +238,17 @@ def _modulus(w: Complex[Array, "..."]) -> Float[Array, "..."]:
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
 
 
-def _on_rotors(lin: Linearization, omega, crank, forces, damping: Damping, factor):
-    """Moments on the rotors that turn: by torques on hubs, and by the driver's torsion springs.
+def _on_rotors(
+    lin: Linearization,
+    omega: Float[Array, ""],
+    crank: Complex[Array, ""],
+    forces: Complex[Array, " pulleys"],
+    damping: Damping,
+    factor: Complex[Array, ""] | float,
+) -> Complex[Array, " turning"]:
+    """Moments on the rotors that turn, by torques on hubs and by the driver's torsion springs.
 
-    Along its path the belt's own inertia hands on the driver's motion, too.
+    The inertia of the belt's own motion along its path transmits the driver's motion, too.
     """
     m, groups = lin.model, lin.steady.groups
     torques = (forces @ groups.hubs)[lin.rotors]
@@ -205,8 +259,14 @@ def _on_rotors(lin: Linearization, omega, crank, forces, damping: Damping, facto
     return torques - through * crank
 
 
-def _exactly(lin: Linearization, omega, crank, forces, damping: Damping):
-    """The same without discretization: D(Omega) z = f."""
+def _exactly(
+    lin: Linearization,
+    omega: Float[Array, ""],
+    crank: Complex[Array, ""],
+    forces: Complex[Array, " pulleys"],
+    damping: Damping,
+) -> Fields:
+    """The fields of `_by_basis` without discretization, from D(Omega) z = f."""
     m = lin.model
     of = span_response(m, omega)
     on_delta, coupling, own = dynamic_stiffness(m, lin.rotors, omega, of)
@@ -225,7 +285,17 @@ def _exactly(lin: Linearization, omega, crank, forces, damping: Damping):
     return None, rotations, moved, delta / scale, peaks
 
 
-def _in_newtons(lin, frequencies, z, rotations, moved, strains, peaks, crank) -> Response:
+def _in_newtons(
+    lin: Linearization,
+    frequencies: Float[Array, " points"],
+    z: Complex[Array, "points size"] | None,
+    rotations: Complex[Array, "points rotors"],
+    moved: Complex[Array, "points coordinates"],
+    strains: Complex[Array, "points spans"],
+    peaks: Float[Array, "points spans"],
+    crank: Complex[Array, ""],
+) -> Response:
+    """The response in SI units, from the fields at each frequency."""
     m, scales, loops = lin.model, lin.scales, lin.steady.groups.loops
     tensions = scales.tension * m.gam * strains
     # Pulley i is pulled along the span that starts there and against the one that ends there.
@@ -273,9 +343,32 @@ def speed_response(
 ) -> Response:
     """Response over a range of the driver's speed [rad/s], excited at `order` times that speed.
 
-    The steady state is that of each speed. `basis` is `Legendre(16)` unless given. Every field
-    of the result has the speeds along its first axis, `result` too. Fails as
-    `frequency_response` does where any speed fails. With `throw=False` read `.result`.
+    The steady state is that of each speed. The results are those of `steady_state` and
+    `frequency_response`, one per speed. With `throw=False` read `.result`.
+
+    Args:
+        drive: the drive.
+        point: its torques; the driver's speed replaces its speed.
+        driver_speeds: one speed or [points] of them, > 0 [rad/s].
+        excitation: crank motion and torques, the same at each speed.
+        order: excitation frequency over the driver's speed.
+        damping: `Damping()` unless given, which counts the drive's own dampers.
+        basis: functions for the deflections of each span, `Legendre(16)` unless given.
+        throw: raise where the result of any speed is a failure.
+
+    Returns:
+        Amplitudes zero to peak; every field, `result` and `warning` too, has the speeds along its
+        first axis.
+
+    Raises:
+        ValueError: speeds are missing or not positive, the excitation names a pulley that is not
+            there, or an inertia is missing.
+        AnalysisError: a result is a failure, and `throw` is set.
+
+    Examples:
+        >>> drive, point = bj.load_drive("examples/three_pulley.toml")
+        >>> speeds = jnp.linspace(70.0, 600.0, 20)  # [rad/s]
+        >>> bj.speed_response(drive, point, speeds, bj.Excitation(crank=0.01)).span_peaks  # [m]
     """
     driver_speeds = jnp.atleast_1d(as_real(driver_speeds))
     _require_frequencies(driver_speeds)
@@ -290,9 +383,15 @@ def speed_response(
 
 @boundary_jit
 def _over_speeds(
-    drive, point, driver_speeds, shaken: tuple[Array, Array], order, damping, basis
+    drive: Drive,
+    point: OperatingPoint,
+    driver_speeds: Float[Array, " points"],
+    shaken: Shaken,
+    order: Float[Array, ""],
+    damping: Damping,
+    basis: AbstractBasis,
 ) -> Response:
-    def at(speed):
+    def at(speed: Float[Array, ""]) -> tuple[Response, tuple[RESULTS, RESULTS]]:
         moved = eqx.tree_at(
             lambda p: (p.belt_speed, p.driver_speed),
             point,
@@ -326,12 +425,37 @@ def peak_response(
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Largest value of `amplitude(response)` between two frequencies [rad/s], and where it is.
 
-    `amplitude` takes a response at one frequency to a real number. The best of a grid of
-    `points` is refined; the derivative of the peak is exact, since its place does not matter to
-    first order. One compiled program serves every call with the same function `amplitude`.
+    The largest value on a grid is refined by Newton's method. The derivative of the peak is exact,
+    since its place does not matter to first order. One compiled program serves every call with the
+    same function `amplitude`. The results are those of `frequency_response`; with `throw=False` a
+    failure shows in `linearization.result` alone.
 
-    Raises `ValueError` for limits that are not 0 < lower < upper. Fails as
-    `frequency_response` does; with `throw=False` a failure shows in `linearization.result` alone.
+    Args:
+        linearization: the drive about its steady state, as `linearize` returns it.
+        amplitude: function that takes the response at one frequency to one real number.
+        lower: the lowest frequency, > 0 [rad/s].
+        upper: the highest frequency [rad/s].
+        excitation: crank motion and torques.
+        names: `drive.pulley_names`, which are needed where the excitation has torques.
+        damping: `Damping()` unless given, which counts the drive's own dampers.
+        points: number of points of the grid.
+        throw: raise where the result is a failure.
+
+    Returns:
+        The peak, and the frequency [rad/s] at which it is.
+
+    Raises:
+        ValueError: the limits are not 0 < lower < upper, or the excitation names a pulley that is
+            not there.
+        AnalysisError: the result is a failure, and `throw` is set.
+
+    Examples:
+        >>> drive, point = bj.load_drive("examples/three_pulley.toml")
+        >>> linearization = bj.linearize(bj.steady_state(drive, point))
+        >>> def tension(response):
+        ...     return jnp.abs(response.tensions[0, 1])  # of the second span [N]
+        >>> crank = bj.Excitation(crank=0.01)
+        >>> bj.peak_response(linearization, tension, 100.0, 900.0, crank)
     """
     if not 0 < float(lower) < float(upper):
         raise ValueError(f"lower, upper: found {lower:g}, {upper:g}; give 0 < lower < upper.")
@@ -347,9 +471,15 @@ def peak_response(
 
 @boundary_jit
 def _peak_response(
-    linearization, amplitude, lower, upper, shaken: tuple[Array, Array], damping, points: int
-):
-    def at(omega, lin):
+    linearization: Linearization,
+    amplitude: Callable[[Response], Array],
+    lower: Float[Array, ""],
+    upper: Float[Array, ""],
+    shaken: Shaken,
+    damping: Damping,
+    points: int,
+) -> tuple[Float[Array, ""], Float[Array, ""], RESULTS]:
+    def at(omega: Float[Array, ""], lin: Linearization) -> tuple[Float[Array, ""], RESULTS]:
         found = _response(lin, omega[None], *shaken, damping, False)
         return jnp.squeeze(amplitude(found)), found.result
 
@@ -359,7 +489,7 @@ def _peak_response(
     slope = jax.grad(lambda omega: at(omega, fixed)[0])
     reach = (grid[1] - grid[0]) / 2
 
-    def newton(_, place):
+    def newton(_: Array, place: Float[Array, ""]) -> Float[Array, ""]:
         first, second = jax.jvp(slope, (place,), (jnp.ones(()),))
         step = jnp.where(second < 0, -first / jnp.where(second < 0, second, 1.0), 0.0)
         return jnp.clip(place + jnp.clip(step, -reach, reach), lower, upper)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from beltjax.analysis.reference import (
     LARGEST_STRAIN,
@@ -32,8 +32,8 @@ from beltjax.results import (
     succeeded,
 )
 
-FARTHEST = 0.1  # motion [rad], or in mean spans, above which linear equations are off
-STIFFEST = 0.15  # sqrt(EI/T)/radius above which a state of fixed contact points is off
+FARTHEST = 0.1  # motion [rad], or in mean spans, above which linear equations are inaccurate
+STIFFEST = 0.15  # sqrt(EI/T)/radius above which fixed contact points are inaccurate
 
 
 class AbstractSteadyMethod(eqx.Module):
@@ -50,54 +50,79 @@ class AbstractSteadyMethod(eqx.Module):
         """Gamma_i of the solution's shapes."""
 
     @abc.abstractmethod
-    def deflection(self, model: physics.SteadyModel, q, Q, i, x: Array) -> Array:
+    def deflection(
+        self,
+        model: physics.SteadyModel,
+        q: physics.Coordinates,
+        Q: physics.Spans,
+        i: physics.Index,
+        x: Array,
+    ) -> Array:
         """w_i(x), both over the span's own length."""
 
 
 class Exact(AbstractSteadyMethod):
     """The nonlinear model, one scalar equation: docs/theory/steady_state.md, (S4) to (S10)."""
 
-    def solve(self, model):
-        """(3.41) with (3.42) and (3.43) solved for given T."""
+    def solve(self, model: physics.SteadyModel) -> physics.SteadySolution:
+        """Tensions from (3.41), with (3.42) and (3.43) solved for each trial T."""
         return physics.exact(model)
 
-    def coupling(self, model, solved):
-        """Closed form."""
+    def coupling(
+        self, model: physics.SteadyModel, solved: physics.SteadySolution
+    ) -> Float[Array, " spans"]:
+        """Gamma_i in closed form."""
         return physics.coupling(model, solved.Q)
 
-    def deflection(self, model, q, Q, i, x):
-        """Closed form."""
+    def deflection(
+        self,
+        model: physics.SteadyModel,
+        q: physics.Coordinates,
+        Q: physics.Spans,
+        i: physics.Index,
+        x: Array,
+    ) -> Array:
+        """w_i(x) in closed form."""
         return physics.deflection(model, q, Q, i, x)
 
 
 class Perturbation(AbstractSteadyMethod):
     """Leading order for small bending stiffness, (3.60)-(3.92): string and boundary layers."""
 
-    def solve(self, model):
+    def solve(self, model: physics.SteadyModel) -> physics.SteadySolution:
         """T0 and q0 of the string."""
         return physics.string(model)
 
-    def coupling(self, model, solved):
-        """Leading order in eps."""
+    def coupling(
+        self, model: physics.SteadyModel, solved: physics.SteadySolution
+    ) -> Float[Array, " spans"]:
+        """Gamma_i to leading order in eps."""
         return physics.leading_coupling(model, solved.Q)
 
-    def deflection(self, model, q, Q, i, x):
-        """Composite expansion."""
+    def deflection(
+        self,
+        model: physics.SteadyModel,
+        q: physics.Coordinates,
+        Q: physics.Spans,
+        i: physics.Index,
+        x: Array,
+    ) -> Array:
+        """w_i(x) by the composite expansion."""
         return physics.leading_deflection(model, q, Q, i, x)
 
 
 class Linear(Exact):
-    """The linearized model (3.57)-(3.59), for comparison: it is not good enough for design."""
+    """The linearized model (3.57)-(3.59), for comparison: it is not accurate enough for design."""
 
-    def solve(self, model):
-        """Two linear equations."""
+    def solve(self, model: physics.SteadyModel) -> physics.SteadySolution:
+        """Tensions and coordinates from linear equations."""
         return physics.linear(model)
 
 
 def of_single(motions: Array) -> Array:
-    """What concerns the one tensioner, of what [..., tensioners] concerns all; 0 of none.
+    """The motion [...] of the only tensioner from `motions` [..., tensioners]; 0 without one.
 
-    Raises `ValueError` where there are several.
+    Raises `ValueError` where there are several tensioners.
     """
     if motions.shape[-1] > 1:
         raise ValueError("There are several tensioners: read the numbers of each.")
@@ -107,8 +132,8 @@ def of_single(motions: Array) -> Array:
 class SteadyState(Readable):
     """Steady shape and tensions of a running drive.
 
-    `tension_change` is in P0, the tension at rest without torques (`reference.base_tension`, of
-    the first belt).
+    `tension_change` is over P0, the tension of the first belt at rest without torques
+    (`reference.base_tension`).
     """
 
     coupling: Float[Array, " spans"]  # Gamma_i
@@ -116,8 +141,8 @@ class SteadyState(Readable):
         Array, "*belts"
     ]  # T, gained by every span, over P0; of several belts each
     coordinate_change: Float[Array, " coordinates"]  # from the reference state [rad] or [m]
-    # The same from where `groups` are taken: the reference state, or under `stretching_arcs`
-    # the running string, from whose spans deflections are counted then.
+    # The change from the state in which `groups` are taken: the reference state, or under
+    # `stretching_arcs` the running string, from whose spans deflections are then counted.
     deviation: Float[Array, " coordinates"]
     running_tensions: Float[Array, " spans"]  # P_i + T P0 [N]
     effective_tensions: Float[Array, " spans"]  # Q_i = P_i - m c^2 + T, over P0
@@ -126,22 +151,25 @@ class SteadyState(Readable):
     effectiveness: Float[Array, "*belts"]
     at_stop: Float[Array, " coordinates"]  # -1 at the least, 1 at the greatest coordinate, else 0
     stop_reactions: Float[Array, " coordinates"]  # forces of those stops [N m] or [N]
-    # sqrt(EI/T)/radius, T the smaller effective tension beside the pulley: how far the belt's
-    # bending reaches beside the pulley's size. Above `STIFFEST` the contact points of a string,
-    # which this state assumes, are off, and with them tensions and Gamma.
+    # sqrt(EI/T)/radius, with the smaller effective tension T beside the pulley: the reach of the
+    # belt's bending over the pulley's size. Above `STIFFEST` the contact points of a string, which
+    # this state assumes, are inaccurate, and so are tensions and Gamma.
     stiffness_ratios: Float[Array, " pulleys"]
     groups: Groups
     scales: Scales
     reference: ReferenceState
     error: Float[Array, ""]  # residual of (3.41) before the last Newton step: an upper bound
     result: RESULTS
-    warning: RESULTS  # what limits the trust in a success; `successful` where nothing does
+    warning: RESULTS  # why a success may be inaccurate; `successful` where there is no such reason
     stats: dict[str, Array]
     method: AbstractSteadyMethod
 
     @property
     def arm_rotation(self) -> Float[Array, ""]:
-        """theta_t from the reference state [rad] of a single arm, counterclockwise; 0 of none."""
+        """theta_t of a single arm from the reference state [rad], counterclockwise; 0 without one.
+
+        Raises `ValueError` where there are several tensioners.
+        """
         return of_single(self.coordinate_change)
 
     @usual_promotion
@@ -150,6 +178,7 @@ class SteadyState(Readable):
 
         Both are fractions of the span's own length: x runs from 0 at the span's first listed
         pulley to 1 at its second. Multiply by `reference.layout.span_lengths[i]` for meters.
+        Raises `IndexError` for a span that is not there.
         """
         if not 0 <= i < len(self.coupling):
             raise IndexError(f"span {i} of {len(self.coupling)}: spans count from 0.")
@@ -166,13 +195,34 @@ def steady_state(
 ) -> SteadyState:
     """Steady shape and tensions of a running drive with bending-stiff belt spans.
 
-    Small slopes, belt speed uniform, no creep on the pulleys. Kong (2003), eqs. (3.41)-(3.43)
-    for any number of pulleys, tensioners and belts; `method` is `Exact()` unless given.
+    The model assumes small slopes, a uniform belt speed and no creep on the pulleys. Kong (2003),
+    eqs. (3.41)-(3.43) for any number of pulleys, tensioners and belts; docs/theory/steady_state.md.
 
-    Fails with the results of `reference_state`, `span_slack` when the running belt cannot keep
-    every span tight, or `belt_overstretched` (strain above a tenth). With `throw=False` read
-    `.result`: a failed lane of a batch holds finite placeholders with zero derivatives, and
-    leaves its neighbors alone.
+    The result is that of `reference_state` where it failed, `span_slack` where the running belt
+    cannot keep every span tight, `belt_overstretched` (strain above a tenth), `tensioner_unstable`,
+    `steady_state_not_found` or, of `Collocation`, `mesh_exhausted`. With `throw=False` read
+    `.result`: a failed lane of a batch holds finite placeholders with zero derivatives, and does
+    not affect its neighbors. A success may carry a `.warning`: `belt_stiff_on_pulley` or
+    `tensioner_moves_far`.
+
+    Args:
+        drive: the drive.
+        point: speeds and torques.
+        method: `Exact()` unless given, `Collocation()`, or for comparison `Perturbation()` or
+            `Linear()`.
+        throw: raise where the result is a failure.
+
+    Returns:
+        The state, with the coupling Gamma of shape [spans], tensions and the reference state.
+
+    Raises:
+        KeyError: a torque is given for a pulley that is not there.
+        AnalysisError: the result is a failure, and `throw` is set.
+
+    Examples:
+        >>> drive, point = bj.load_drive("examples/three_pulley.toml")
+        >>> steady = bj.steady_state(drive, point)
+        >>> steady.coupling, steady.running_tensions  # Gamma and [N], per span
     """
     method = Exact() if method is None else method
     steady = _steady_state(*canonical(drive, point), method)
@@ -249,17 +299,19 @@ class _Beginning(NamedTuple):
     groups: Groups
     scales: Scales
     model: physics.SteadyModel
-    resting: physics.SteadyModel  # that of the reference state
-    string: RunningString | None  # None: the reference state it is
+    resting: physics.SteadyModel  # the model of the reference state
+    string: RunningString | None  # None: the reference state
 
 
 def _beginning(drive: Drive, point: OperatingPoint, reference: ReferenceState) -> _Beginning:
-    """The reference state, or if arcs stretch the running string of exact statics."""
+    """The reference state, or where arcs stretch the running string of exact statics."""
     loops, rested = Loops(drive.loop_sizes), succeeded(reference.result)
-    # Of a drive that cannot rest nothing is asked but that its numbers stay finite.
+    # The numbers of a drive that cannot rest have no meaning, but must stay finite.
     level = loops.spread(reference.base_tensions)
 
-    def described(state: ReferenceState | RunningString, good) -> tuple[Groups, Scales]:
+    def described(
+        state: ReferenceState | RunningString, good: Bool[Array, ""]
+    ) -> tuple[Groups, Scales]:
         tensions = jnp.where(good, state.tensions, level)
         base = reference.base_tension
         return groups_and_scales(drive, state.layout, tensions, base, state.stop_reactions, point)

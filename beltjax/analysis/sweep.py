@@ -1,4 +1,4 @@
-"""Sweeps: steady states and modes over the values of one number, each mode followed."""
+"""Steady states and modes over the values of one number, where each mode is followed."""
 
 import dataclasses
 import functools
@@ -27,8 +27,8 @@ if TYPE_CHECKING:
     import xarray
 
 BASIS = Legendre(24)
-CHUNK = 16  # points solved at once; every call has this many, so that one compiles
-_SPARE = 4  # modes looked at above those asked for, so that one may leave without a false match
+CHUNK = 16  # points solved at once; every call has this many, so that one program serves all
+_SPARE = 4  # modes computed beside those reported, so that one may leave without a false match
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -36,8 +36,8 @@ class Sweep:
     """Steady states and modes over the values of one number, all arrays NumPy's.
 
     A column of [points, modes] is one mode, recognized by its shape from point to point: first
-    the `count` lowest at the first value, then those that come among the `count` lowest later.
-    nan where a mode is not among those looked at, and at points that failed.
+    the `count` lowest at the first value, then those that come among the `count` lowest later. An
+    entry is nan where its mode is not among those computed, and at points that failed.
     """
 
     name: str  # of the swept number, by its key in the drive file
@@ -98,7 +98,7 @@ class Sweep:
 
 
 class Sample(NamedTuple):
-    """What a sweep keeps of one point, or of many along a leading axis."""
+    """Results that a sweep keeps of one point, or of many along a leading axis."""
 
     frequencies: Float[Array, "*points window"]  # [rad/s]
     dimensionless: Float[Array, "*points window"]
@@ -128,16 +128,38 @@ def sweep(
 ) -> Sweep:
     """Steady state and the `count` lowest modes over increasing `values` [SI] of one number.
 
-    `name` is the number's key in the drive file: "operation.belt_speed", "pulley.NAME.center.x",
-    "operation.torque.NAME"; "tensioner.angle" turns the tensioner about its pulley's center,
-    from 0 as drawn. `basis` is `Legendre(24)` unless given. Between neighboring values modes
-    are matched one to one by shape. Where a match falls below `limit` values are inserted
-    halfway, up to `depth` times, so that veerings are followed rather than jumped over.
+    Between neighboring values modes are matched one to one by shape. Where a match falls below
+    `limit` values are inserted halfway, up to `depth` times, so that the modes are followed through
+    a veering. It cannot be traced by JAX, since the grid depends on the results. A point that fails
+    raises nothing: read `.result`, one per point. A layout is checked for its path, but not for
+    pulleys that overlap. docs/vibration.md.
 
-    `advance(stage, done, total)` is told of every chunk of points. Not for tracing: the grid
-    depends on what is found. Never raises for numbers, see `.result`; a layout is checked for its
-    path, not for pulleys that overlap. Raises `ValueError` for a name that is not there, values
-    that are fewer than two, not finite or not increasing, and a count the basis has no room for.
+    Args:
+        drive: the drive.
+        point: speeds and torques.
+        name: the number's key in the drive file: "operation.belt_speed",
+            "pulley.NAME.center.x", "operation.torque.NAME"; "tensioner.angle" turns the tensioner
+            about its pulley's center, from 0 as drawn.
+        values: at least two increasing values [SI].
+        count: number of modes that are followed.
+        basis: functions for the deflections of each span, `Legendre(24)` unless given.
+        limit: agreement of shapes, between 0 and 1, below which a value is inserted.
+        depth: how often values are inserted at most.
+        advance: function that is called as `advance(stage, done, total)` before each chunk of
+            points and at the end.
+
+    Returns:
+        NumPy arrays with the values, those inserted too, along the first axis.
+
+    Raises:
+        ValueError: there is no number of that name, values are fewer than two, not finite or not
+            increasing, `count` is above the number of modes, an inertia is missing, or `limit` or
+            `depth` is out of range.
+
+    Examples:
+        >>> drive, point = bj.load_drive("examples/three_pulley.toml")
+        >>> swept = bj.sweep(drive, point, "operation.belt_speed", [0.0, 20.0, 40.0], count=4)
+        >>> swept.frequencies  # [points, modes] [rad/s]
     """
     require_number(drive, name)
     grid = _required_grid(values)
@@ -188,7 +210,7 @@ def _required_grid(values: Any) -> Float[np.ndarray, " points"]:
 
 
 def require_count(drive: Drive, count: int, basis: AbstractBasis = BASIS) -> int:
-    """Number of modes there are; raises `ValueError` unless `count` is between 1 and it."""
+    """Number of modes of the drive; raises `ValueError` unless `count` is from 1 to that number."""
     turning = len(drive.shafts) - 1 + len(drive.isolators) + len(drive.dampers)
     size = len(drive.pulleys) * basis.size + turning + len(drive.tensioners)
     if not 1 <= count <= size:
@@ -207,7 +229,7 @@ class _Evaluation(NamedTuple):
     advance: Callable[[str, int, int | None], None]
 
     def __call__(self, stage: str, values: np.ndarray) -> Sample:
-        def run(chunk):
+        def run(chunk: np.ndarray) -> Sample:
             drive, point = canonical(self.drive, self.point)
             numbers = drive, point, canonical_key(self.drive, self.name), jnp.asarray(chunk)
             return quickly_compiled(_samples)(*numbers, self.window, self.basis)
@@ -215,8 +237,15 @@ class _Evaluation(NamedTuple):
         return in_chunks(run, values, CHUNK, functools.partial(self.advance, stage))
 
 
-def _samples(drive, point, name: str, values, window: int, basis) -> Sample:
-    def at(value):
+def _samples(
+    drive: Drive,
+    point: OperatingPoint,
+    name: str,
+    values: Float[Array, " points"],
+    window: int,
+    basis: AbstractBasis,
+) -> Sample:
+    def at(value: Float[Array, ""]) -> Sample:
         steady = steady_state(*with_number(drive, point, name, value), throw=False)
         lin = linearize(steady, basis, throw=False)
         found = modes(lin, window, route="hermitian", throw=False)

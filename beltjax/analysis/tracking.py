@@ -1,4 +1,4 @@
-"""Which mode is which along a sweep: matched by shape, one to one, on the host."""
+"""Modes of a sweep, matched one to one by shape from point to point, on the host."""
 
 import itertools
 from typing import NamedTuple
@@ -6,18 +6,18 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Complex, Float, Int
 
-# Below this agreement of shapes a mode has left the window, or appeared in it.
+# Below this agreement of shapes a mode has left the window, or a new one has entered it.
 LOST = 0.25
-# Relative gap below which two modes have no shapes of their own: a repeated frequency.
+# Relative gap below which a frequency is repeated, so that its two shapes are not unique.
 _REPEATED = 1e-7
-# A veering is looked at from where the gap has doubled: there two modes that exchange their
+# Shapes are compared where the gap of a veering has doubled: there two modes that exchange their
 # shapes have turned by 60 deg of the whole 90.
 _OPEN = 2.0
 _EXCHANGED = 0.5
 
 
 class ModeShapes(NamedTuple):
-    """Modes at one point of a sweep, lowest frequency first, with the matrices they belong to."""
+    """Modes at one point of a sweep, lowest frequency first, with the matrices of that point."""
 
     omega: Float[np.ndarray, " window"]  # dimensionless
     vectors: Complex[np.ndarray, "window size"]
@@ -26,28 +26,29 @@ class ModeShapes(NamedTuple):
 
 
 class Links(NamedTuple):
-    """The modes of a sweep's points, given one name each. -1 and nan at points that failed."""
+    """Numbers that identify the modes of a sweep; -1 and nan at points that failed."""
 
     names: Int[np.ndarray, "points window"]  # of the mode at each place in the window
-    mac: Float[np.ndarray, "points window"]  # with the last good point; 0: newly in the window
+    mac: Float[np.ndarray, "points window"]  # with the last good point; 0 for a new mode
     weakest: Float[np.ndarray, " points-1"]  # least agreement of the lowest modes; nan: a failure
 
 
 class Veering(NamedTuple):
-    """Two modes that come close, turn away from each other and exchange their shapes."""
+    """Two modes whose frequencies come close, separate again, and that exchange their shapes."""
 
     value: float  # of the swept number, where they are closest
     modes: tuple[int, int]  # places in `Sweep.frequencies`, the lower one first
     gap: float  # smallest difference of their frequencies [rad/s]
-    resolved: bool  # whether the grid there follows the shapes; else the gap is an upper bound
+    resolved: bool  # whether the grid follows the shapes there; else the gap is an upper bound
 
 
 def overlaps(a: ModeShapes, b: ModeShapes) -> Complex[np.ndarray, "window window"]:
     """Products of the modes of two points in energy, each mode of energy 1.
 
-    v_a* M v_b alone is not zero between two modes of one gyroscopic system; their states
-    (omega v, v) are orthogonal in M and K together, omega_a omega_b v_a* M v_b + v_a* K v_b. Both
-    points' matrices enter by their mean, so that the square of a product never exceeds 1.
+    v_a* M v_b alone is not zero between two modes of one gyroscopic system, but their states
+    (omega v, v) are orthogonal in M and K together, omega_a omega_b v_a* M v_b + v_a* K v_b. The
+    matrices are the mean of those of both points, so that the square of a product never exceeds
+    1.
     """
     M, K = (a.mass + b.mass) / 2, (a.stiffness + b.stiffness) / 2
 
@@ -70,9 +71,9 @@ def agreement(a: ModeShapes, b: ModeShapes) -> Float[np.ndarray, "window window"
 
 
 def aligned(before: ModeShapes, here: ModeShapes) -> ModeShapes:
-    """`here`, with the shapes of a repeated frequency turned to what they were `before`.
+    """`here`, with the shapes of a repeated frequency turned to those of `before`.
 
-    Where frequencies cross exactly on a point, its shapes there are any mixture.
+    Where frequencies cross exactly on a point, an eigensolver returns any mixture of their shapes.
     """
     starts = np.flatnonzero(np.diff(here.omega, prepend=-np.inf) > _REPEATED * here.omega)
     vectors = here.vectors.copy()
@@ -80,7 +81,7 @@ def aligned(before: ModeShapes, here: ModeShapes) -> ModeShapes:
         if len(group) > 1:
             products = overlaps(before, here)[:, group]
             rows = np.sort(np.argsort(-np.sum(np.abs(products) ** 2, axis=1))[: len(group)])
-            # The unitary mixture that comes nearest to the shapes before.
+            # This unitary mixture is the nearest to the shapes of `before`.
             left, _, right = np.linalg.svd(products[rows])
             vectors[group] = (left @ right).conj() @ vectors[group]
     return here._replace(vectors=vectors)
@@ -89,11 +90,11 @@ def aligned(before: ModeShapes, here: ModeShapes) -> ModeShapes:
 def linked(shapes: list[ModeShapes | None], count: int) -> tuple[Links, list[ModeShapes | None]]:
     """Names for the modes along a sweep, by one-to-one assignment between neighbors.
 
-    `shapes` holds None for points that failed; a match bridges them. Returned with the shapes as
-    they were matched. Modes are named by their place at the first good point, later ones by the
-    next free number.
+    `shapes` holds None for points that failed; a match bridges them. The second part returned is
+    the shapes as they were matched. The name of a mode is its place at the first good point, and
+    for modes that come later the next free number.
     """
-    from scipy.optimize import linear_sum_assignment  # a third of a second, for sweeps alone
+    from scipy.optimize import linear_sum_assignment  # takes 1/3 s; only sweeps need it
 
     shapes = list(shapes)
     window = max((len(one.omega) for one in shapes if one is not None), default=0)
@@ -128,7 +129,10 @@ def linked(shapes: list[ModeShapes | None], count: int) -> tuple[Links, list[Mod
 
 
 def tracks(links: Links, count: int) -> Int[np.ndarray, "points modes"]:
-    """Place in the window of every mode that is among the `count` lowest somewhere; -1: absent."""
+    """Place in the window of each mode that is among the `count` lowest at some point; -1: absent.
+
+    The columns are in the order of the modes' names.
+    """
     low = links.names[:, :count]
     wanted = np.unique(low[low >= 0])
     if not len(wanted):  # no point succeeded
@@ -147,7 +151,7 @@ def veerings(
     """Veerings between neighboring modes, in the order of the swept number.
 
     `trusted` [points - 1] says between which points the shapes could be followed. Modes that
-    cross there are no veering; modes that cross elsewhere are one that is too sharp for the grid.
+    cross there do not veer; modes that cross elsewhere veer too sharply for the grid.
     """
     found = []
     for p in range(len(values) - 1):
@@ -155,7 +159,7 @@ def veerings(
         order = present[np.argsort(places[p, present])]
         for low, high in itertools.pairwise(order):
             if places[p, high] != places[p, low] + 1:
-                continue  # a mode that is not asked for lies between
+                continue  # another mode of the window, which is not reported, lies between
             difference = frequencies[:, high] - frequencies[:, low]
             if difference[p + 1] < 0 and not trusted[p]:
                 place = p if difference[p] < -difference[p + 1] else p + 1
@@ -168,7 +172,12 @@ def veerings(
     return tuple(found)
 
 
-def _exchange(difference, places, shapes, p: int) -> bool:
+def _exchange(
+    difference: Float[np.ndarray, " points"],
+    places: Int[np.ndarray, "points 2"],
+    shapes: list[ModeShapes | None],
+    p: int,
+) -> bool:
     """Whether a gap is smallest at point p, and two modes exchange their shapes around it."""
     near = difference[p - 1 : p + 2]
     if not (np.all(near > 0) and near[0] >= near[1] < near[2]):
@@ -182,8 +191,8 @@ def _exchange(difference, places, shapes, p: int) -> bool:
     return bool(min(products[low, high_after], products[high, low_after]) >= _EXCHANGED)
 
 
-def _opened(difference, p: int, step: int) -> int:
-    """The first point to one side of p where a gap has doubled, or where it stops to grow."""
+def _opened(difference: Float[np.ndarray, " points"], p: int, step: int) -> int:
+    """The first point to one side of p where a gap has doubled, or where it stops growing."""
     at = p
     while (
         0 <= at + step < len(difference)
@@ -195,7 +204,7 @@ def _opened(difference, p: int, step: int) -> int:
 
 
 def _closest(x: np.ndarray, gaps: np.ndarray) -> tuple[float, float]:
-    """Place and size of the smallest gap: of two modes alone its square is a parabola."""
+    """Place and size of the smallest gap, whose square is a parabola for two isolated modes."""
     middle = x[1]
     a, b, c = np.polyfit(x - middle, gaps**2, 2)
     place = np.clip(-b / (2 * a), x[0] - middle, x[2] - middle)

@@ -53,7 +53,7 @@ def moved_pivots(drive: Drive, coordinates: Coordinates) -> Placed:
 
 
 def single_arm(drive: Drive) -> bool:
-    """Whether the one tensioner is an arm that turns and carries one pulley, as the source's."""
+    """Whether the only tensioner is an arm that turns and carries one pulley, as in the source."""
     if len(drive.tensioners) != 1:
         return False
     carried = sum(float(np.sum(np.asarray(pulley.on))) for pulley in drive.pulleys)
@@ -61,7 +61,7 @@ def single_arm(drive: Drive) -> bool:
 
 
 def mass_matrix(drive: Drive, at: Coordinates) -> Float[Array, "coordinates coordinates"] | None:
-    """Inertia of the bodies by their coordinates [kg m^2], [kg m] or [kg]; None if one has none."""
+    """Inertia of the bodies [kg m^2], [kg m] or [kg]; None if a body has no inertia given."""
     of, parts = bodies(drive), drive.tensioners
     inertias = [body.inertia for body in parts if body.inertia is not None]
     if len(inertias) < len(parts):
@@ -80,12 +80,12 @@ def mass_matrix(drive: Drive, at: Coordinates) -> Float[Array, "coordinates coor
 
 
 class Springs(NamedTuple):
-    """The springs of the tensioners, a row each: first their own, then those between two."""
+    """The springs of the tensioners, one per row: first their own, then those between two."""
 
-    rows: Float[Array, "springs coordinates"]  # what each spring feels of the coordinates
+    rows: Float[Array, "springs coordinates"]  # elongation of each spring by the coordinates
     stiffness: Float[Array, " springs"]
     damping: Float[Array, " springs"]
-    # Bodies that springs join, but hold to nothing: 1 for those that move with each body.
+    # Bodies that springs join to each other but not to the ground: 1 where two move together.
     together: Float[Array, "coordinates coordinates"]
     floating: Coordinates  # 1 where nothing but the belt holds the body
     first: Coordinates  # 1 for the first body of those that float together
@@ -109,7 +109,7 @@ def springs(drive: Drive) -> Springs:
     stiffness = jnp.stack([part.stiffness for part in parts])
     pulls = fixed((stiffness > 0).astype(float))
     free = 1.0 - bodies(drive).locked
-    # Which bodies springs join, however many stand between; a locked one is the ground.
+    # Bodies that springs join, directly or through others; a locked body is the ground.
     joined = jnp.eye(count)
     for row, pulling in zip(rows[count:], pulls[count:], strict=True):
         ends = jnp.abs(row) * free

@@ -91,7 +91,7 @@ def clearances(drive: Drive, at: Layout) -> Clearances:
 
 
 class Fault(NamedTuple):
-    """What makes a layout impossible."""
+    """The reason why a layout is impossible, with the key of the file that is to blame."""
 
     key: str
     message: str
@@ -142,9 +142,9 @@ def _in_senses(drive: Drive, words: Sequence[str]) -> Drive:
 
 
 def _likely_sense(drive: Drive, belt: int) -> str:
-    """The sense in which the polygon of a belt's centers is gone round.
+    """The sense in which the list goes round the polygon of a belt's centers.
 
-    Counterclockwise if in none.
+    It is counterclockwise for a polygon without area.
     """
     pulleys = [p for p, of in zip(drive.pulleys, drive.belt_of_span, strict=True) if of == belt]
     centers = np.array([pulley.center for pulley in pulleys])
@@ -168,7 +168,10 @@ def _survey(drive: Drive, coordinates: Float[Array, " coordinates"]) -> tuple[La
 def layout_fault(
     drive: Drive, coordinates: Float[Array, " coordinates"] | float = 0.0
 ) -> Fault | None:
-    """What makes the layout impossible, with the tensioners there; None if nothing does."""
+    """The reason why the layout is impossible; None if it is possible.
+
+    The tensioners are at `coordinates`, from where they are drawn.
+    """
     return next(filter(None, _faults(drive, coordinates)), None)
 
 
@@ -176,7 +179,7 @@ def _faults(
     drive: Drive, coordinates: Float[Array, " coordinates"] | float = 0.0
 ) -> list[Fault | None]:
     """The first fault of each belt's path, or None."""
-    # What the path does not depend on would compile anew where it differs.
+    # Parts on which the path does not depend would compile anew where they differ.
     bare = dataclasses.replace(
         drive, installation=TensionGiven(1.0), arm_springs=(), isolators=(), dampers=()
     )
@@ -188,7 +191,7 @@ def _faults(
 
 
 class _Loop(NamedTuple):
-    """What is checked of the path of one belt, as plain numbers in listed order."""
+    """The numbers of the path of one belt that are checked, in listed order."""
 
     names: tuple[str, ...]
     spans: tuple[str, ...]
@@ -259,7 +262,7 @@ def _arm_fault(drive: Drive) -> Fault | None:
 
 
 def _out_of_proportion(of: _Loop) -> Fault | None:
-    """What double precision cannot tell apart."""
+    """A size that double precision does not resolve beside the others."""
     for key, sizes in (("center", np.max(np.abs(of.centers), axis=1)), ("radius", of.radii)):
         i = int(np.argmax(sizes))
         if not sizes[i] < _MOST_APART * np.min(of.radii):
@@ -314,7 +317,7 @@ def _lost_contact(of: _Loop) -> Fault | None:
 def _missed_by(of: _Loop, i: int) -> float:
     """Gap [m] between a pulley and the belt that would run past it; 0 where there is no such belt.
 
-    As the path itself is found, from the pulley before to the one after.
+    That belt runs from the pulley before to the one after; it is found as the path itself is.
     """
     before, after = i - 1, (i + 1) % len(of.feet)
     (across, up), rise = of.centers[after] - of.centers[before], of.feet[after] - of.feet[before]

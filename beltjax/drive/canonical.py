@@ -52,9 +52,9 @@ def canonical_drive(drive: Drive) -> Drive:
 def canonical(drive: Drive, point: OperatingPoint) -> tuple[Drive, OperatingPoint]:
     """`drive` and `point` as compiled programs take them.
 
-    Every pulley has a torque, 0 where none is given. The excitation, which concerns forced
-    vibration alone and is handed over separately there, is left out. Raises `KeyError` for a
-    torque on a pulley that the drive does not have.
+    Every pulley has a torque, 0 where none is given. The excitation is left out: it concerns forced
+    vibration alone, which takes it as an argument of its own. Raises `KeyError` for a torque on a
+    pulley that the drive does not have.
     """
     for name in point.torque:
         drive.pulley(name)
@@ -68,9 +68,9 @@ def canonical(drive: Drive, point: OperatingPoint) -> tuple[Drive, OperatingPoin
 def restored(
     numbers: tuple[Any, Any], drive: Drive, point: OperatingPoint
 ) -> tuple[Drive, OperatingPoint]:
-    """A gradient of the canonical drive and point as one of `drive` and `point`.
+    """A gradient by the canonical drive and point as one by `drive` and `point`.
 
-    The excitation has none and is left out; so are torques that `point` does not name.
+    The excitation has no gradient and is left out; so are torques that `point` does not name.
     """
     of_drive, of_point = numbers
     named = jax.tree.unflatten(jax.tree.structure(drive), jax.tree.leaves(of_drive))
@@ -80,7 +80,7 @@ def restored(
 
 @functools.lru_cache(maxsize=256)
 def _canonical_structure(structure: Any) -> Any:
-    """The pytree structure of a drive, its names replaced by canonical ones."""
+    """The pytree structure of a drive whose names are replaced by canonical ones."""
     drive = jax.tree.unflatten(structure, [0.0] * structure.num_leaves)
     several, first_on_shaft = len(drive.belts) > 1, {}
     for shaft in drive.shafts:
@@ -119,7 +119,7 @@ def _name(word: str, place: int) -> str:
 
 
 def _renamed(module: Any, **fields: Any) -> Any:
-    """`module` with these fields, without its checks: its leaves are placeholders."""
+    """`module` with these fields; its checks are skipped, since its leaves are placeholders."""
     copy = object.__new__(type(module))
     for field in dataclasses.fields(module):
         value = fields.get(field.name, getattr(module, field.name))

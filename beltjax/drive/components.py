@@ -239,7 +239,7 @@ class Tensioner(Readable):
             kinds=("linear",),
         ),
     )
-    # Of a body whose pivot moves. What `inertia` says is added.
+    # Mass and inertia of a body whose pivot moves; `inertia` is added to them.
     mass: Float[Array, ""] = eqx.field(
         converter=as_real,
         default=0.0,
@@ -334,12 +334,13 @@ class Damper(Readable):
 
 
 class Model(Readable):
-    """Which terms that Kong (2003) leaves out are counted: docs/model.md.
+    """Terms that Kong (2003) leaves out, each counted (1) or not (0): docs/model.md.
 
-    Without them the published numbers are met. `arm_curvature` counts the second derivative of the
-    path by the tensioners' coordinates; `stretching_arcs` the belt on the pulleys, and with it
-    the exact statics of the running string, about which its bending is then small; `belt_inertia`
-    the belt's own motion along its path. 1 or 0; the second adds equations, and is static.
+    Without them the published numbers are reproduced. `arm_curvature` counts the second derivative
+    of the path by the tensioners' coordinates. `stretching_arcs` counts the stretch of the belt on
+    the pulleys, and with it the exact statics of the running string, about which bending is then
+    small; it adds equations, and is static. `belt_inertia` counts the belt's own motion along its
+    path.
     """
 
     arm_curvature: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)

@@ -1,4 +1,4 @@
-"""The crossing between SI and the dimensionless groups of contact mechanics."""
+"""Conversion between SI and the dimensionless groups of contact mechanics."""
 
 import equinox as eqx
 import jax
@@ -36,14 +36,14 @@ class ContactGroups(eqx.Module):
 
 
 class TravelOrder(eqx.Module):
-    """Where things listed are met by the belt. Each permutation is its own inverse."""
+    """Order in which the belt meets listed pulleys and spans; both are their own inverses."""
 
     pulleys: Int[Array, " pulleys"]
     spans: Int[Array, " spans"]
 
     @classmethod
     def of(cls, count: int, travel: Float[Array, ""]) -> "TravelOrder":
-        """For `count` pulleys and a belt that runs as listed (+1) or against the list (-1)."""
+        """The order for `count` pulleys and a belt that runs as listed (+1) or against it (-1)."""
         listed = jnp.arange(count)
         forward = travel > 0
         return cls(

@@ -1,4 +1,4 @@
-"""The tensioners of a drive file, [tensioner], [[tensioner]] and [[arm_spring]]: in and out."""
+"""The tensioners of a drive file, read and written: [tensioner], [[tensioner]], [[arm_spring]]."""
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
@@ -22,7 +22,7 @@ from beltjax.files.tables import checked, given_numbers
 
 SINGLE = "tensioner"  # name of the one that [tensioner] describes
 _MOST_BODIES = 12  # compiling grows with their number
-# Of a twin arm its file's other form, two tensioners, has names that end in these.
+# A twin arm is two tensioners, whose names end in .0 and .1.
 _OF_TWIN = re.compile(r"(?P<twin>[^.:=]+)(\.[01])?")
 _OF_MOVING_PIVOT = ("mass", "mass_center", "inertia_center")
 
@@ -56,7 +56,10 @@ class BodiesOfFile(NamedTuple):
 
     @property
     def rows(self) -> np.ndarray:
-        """What each spring feels of the coordinates: the tensioners' own springs first."""
+        """Elongation of each spring per unit of each coordinate, the tensioners' own springs first.
+
+        The columns are in the order of `bodies`.
+        """
         names = [body.name for body in self.bodies]
         rows = [*np.eye(len(names))]
         return np.array(rows + [between(spring, names) for spring in self.springs])
@@ -74,7 +77,7 @@ class BodiesOfFile(NamedTuple):
 
     @property
     def kinds(self) -> list[str]:
-        """Kind of the coordinate that each spring feels, in the order of `rows`."""
+        """Kind of the coordinate on which each spring acts, in the order of `rows`."""
         kind_of = {body.name: body.kind for body in self.bodies}
         return [*kind_of.values(), *(kind_of[spring.between[0]] for spring in self.springs)]
 
@@ -112,7 +115,10 @@ def read_bodies(file: DriveTable, shafts: Sequence[Sequence[str]], path: object)
 
 
 def _expanded(file: DriveTable, path: object) -> tuple[list[Body], dict[tuple[str, str], Any]]:
-    """One body a coordinate; and by name and key of each spring, what makes it of the kinds."""
+    """One body per coordinate; and for each spring a function that makes it.
+
+    The functions go by the springs' names and keys, and take the kinds of all bodies by name.
+    """
     if file.tensioner is None:
         bodies, springs = [], {}
     elif isinstance(file.tensioner, ArmTable):
@@ -152,7 +158,7 @@ def require_one_arm(content: dict[str, Any], path: object) -> None:
 
 
 def _single(table: ArmTable, pulleys: list[PulleyTable], path: object) -> Body:
-    """The arm of [tensioner], its stops taken from directions to turns from the drawn one."""
+    """The arm of [tensioner]; its stops, which are directions, become turns from the drawn one."""
     given = given_numbers(table, Tensioner)
     if not given["stiffness"] > 0:
         message = "found 0; must be greater than 0; an arm without a spring is a [[tensioner]]"
@@ -164,7 +170,7 @@ def _single(table: ArmTable, pulleys: list[PulleyTable], path: object) -> Body:
 
 
 def relative_stops(stops: Sequence[float], drawn: float) -> list[float]:
-    """Stops by their directions as turns from the `drawn` one, on the branch nearest to it."""
+    """Stops given by their directions as angles from the `drawn` one, on the nearest branch."""
     bounds = [stop for stop in stops if np.isfinite(stop)]
     middle = float(np.mean(bounds)) if bounds else drawn
     turns = float(2 * np.pi * np.round((middle - drawn) / (2 * np.pi)))
@@ -184,7 +190,7 @@ def _one(table: RotaryTable | LinearTable, name: str, key: str, path: object) ->
         raise FileError(path, f"{key}.mass", f"is missing; {heavy[0]} goes with it")
     if heavy and "mass_center" not in given and (table.on or table.kind == "rotary"):
         raise FileError(path, f"{key}.mass_center", "is missing; mass goes with it")
-    # What has a mass, or is bolted, lacks nothing: structures are then equal.
+    # A body with a mass, or a bolted one, needs no inertia: with 0 the structures are equal.
     if heavy or table.locked:
         given = {"inertia": 0.0} | given
     return Body(name, key, table.kind, carried, table.on, table.locked, given)
@@ -279,7 +285,7 @@ def _require_carried(file: DriveTable, bodies: list[Body], path: object) -> list
 
 
 def _with_shafts(bodies: list[Body], shafts: Sequence[Sequence[str]], path: object) -> list[Body]:
-    """BodiesOfFile that carry all pulleys of a shaft of which they carry one."""
+    """Bodies that carry all pulleys of a shaft of which they carry one."""
     owner = {name: body.name for body in bodies for name in body.carried}
     grown = []
     for body in bodies:
@@ -385,7 +391,7 @@ def _single_content(drive: Drive) -> dict[str, Any] | None:
 
 
 def _numbers_content(body: Tensioner, fields: Iterable[str]) -> dict[str, Any]:
-    """Numbers of a tensioner, those left out that a file need not say."""
+    """Numbers of a tensioner, without those that a file need not give."""
     content = {}
     for field in fields:
         value = getattr(body, field)
@@ -419,7 +425,7 @@ def _body_content(drive: Drive, place: int, body: Tensioner) -> dict[str, Any]:
 
 
 def _twins(drive: Drive) -> list[int]:
-    """Places of the first arms of those twins that a file can say in one table.
+    """Places of the first arms of those twins that one table of a file can describe.
 
     Their springs come first among the arm springs, in the order of the twins.
     """

@@ -91,7 +91,7 @@ class Wheels:
                     raise FileError(path, f"pulley.{name}.center", message)
 
     def _require_tree(self, path: object) -> None:
-        """Belts and shafts join in one way only, and all of them."""
+        """Raise `FileError` unless shafts join all belts, and in one way only."""
         group = {belt: belt for belt in self.belts}
         reached: dict[tuple[str, ...], str] = {}
         for pulley in self.pulleys:
@@ -150,8 +150,8 @@ def _require_names(names: list[str], path: object) -> None:
     if len(names) < 2:
         raise FileError(path, "pulley", f"found {len(names)}; a drive has at least two pulleys")
     if len(names) > _MOST_PULLEYS:
-        message = f"found {len(names)}; a drive file has {_MOST_PULLEYS} at most, to be analyzed"
-        raise FileError(path, "pulley", f"{message} in half a minute: leave out or merge some")
+        message = f"found {len(names)}; a drive file has {_MOST_PULLEYS} at most, since more take"
+        raise FileError(path, "pulley", f"{message} too long to compile; leave out or merge some")
     for place, name in enumerate(names):
         _require_word(name, f"pulley[{place}].name", path)
         if name in names[:place]:

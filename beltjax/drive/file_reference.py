@@ -1,4 +1,4 @@
-"""The tables of docs/drive_file.md, made from what stands beside the keys of a drive file.
+"""The tables of docs/drive_file.md, made from the descriptions beside the keys of a drive file.
 
 `python -m beltjax.drive.file_reference` writes them between their marks in the page.
 """
@@ -44,7 +44,7 @@ _KINDS = {RotaryTable: "rotary", LinearTable: "linear", TwinArmTable: "twin-arm"
 def key_table(*tables: type[Table]) -> str:
     """Keys, units and meanings of some tables of one name, as Markdown.
 
-    A key that not all of them have, or that means another thing in each, says in which it stands.
+    The row of a key that not all tables have, or that has several meanings, names its tables.
     """
     rows: dict[str, dict[tuple[str, str], list[type[Table]]]] = {}
     for table in tables:

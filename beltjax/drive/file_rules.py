@@ -25,7 +25,7 @@ _KEY = "installation"
 
 
 def read_installation(file: DriveTable, of: BodiesOfFile, path: object) -> Installation:
-    """What the installation holds; raises `FileError`."""
+    """The installation rule of a file; raises `FileError`."""
     rule, belts = file.installation, [belt.name for belt in file.belts]
     _require_keys(rule, of, len(belts), path)
     free_angle = rule.number("free_angle")
@@ -140,7 +140,7 @@ def _checked(value: Any, fact: Number, kind: str | None, key: str, path: object)
 
 
 def _free(rule: RuleTable, of: BodiesOfFile, path: object) -> np.ndarray | None:
-    """Where each spring is relaxed, NaN where the file does not say; None where it says none."""
+    """Relaxed position of each spring, NaN where it is not given; None where none is given."""
     if rule.free is None:
         return None
     found, names = np.full(len(of.spring_names), np.nan), of.spring_names
@@ -156,7 +156,7 @@ def _free(rule: RuleTable, of: BodiesOfFile, path: object) -> np.ndarray | None:
 
 
 def _every_free(rule: RuleTable, of: BodiesOfFile, path: object) -> np.ndarray:
-    """Where each spring is relaxed; 0 for one that has no effect and is not given."""
+    """Relaxed position of each spring; 0 for one without effect that is not given."""
     found = _free(rule, of, path)
     missing = [
         name
@@ -185,9 +185,9 @@ def _pulls(of: BodiesOfFile) -> np.ndarray:
 
 
 def _require_settled(of: BodiesOfFile, free: np.ndarray | None, path: object) -> None:
-    """Raise `FileError` unless the tension settles just those springs that are not given.
+    """Raise `FileError` unless the tension determines exactly the springs that are not given.
 
-    It gives one force for each direction in which springs act.
+    The tension gives one force for each direction in which springs act.
     """
     if not of.bodies:
         return
@@ -287,7 +287,7 @@ def _free_content(drive: Drive) -> dict[str, float] | None:
     }
     if isinstance(rule, TensionGiven | AdjustedToTension):
         return given
-    # Where all are given anyhow, a file need not say those that have no effect.
+    # Where all must be given, a file may leave out those that have no effect.
     idle = [part.name for part in parts if not float(part.stiffness)]
     return {name: x for name, x in given.items() if x or name not in idle} or None
 

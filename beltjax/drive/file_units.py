@@ -1,4 +1,4 @@
-"""Which units a drive file gives its numbers in."""
+"""The units in which a drive file gives its numbers."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -24,7 +24,7 @@ def units_used(content: dict[str, Any], drive: Drive) -> UnitsOfFile:
 
 
 def _units(value: Any, words: tuple[str, ...], drive: Drive) -> Iterator[tuple[Any, str]]:
-    """Words of the key of each number with a unit, and the unit; tables of a list by name."""
+    """Words of the key of each number with a unit, and the unit; listed tables go by names."""
     if isinstance(value, dict):
         for key, item in value.items():
             yield from _units(item, (*words, key), drive)
@@ -40,7 +40,7 @@ def _units(value: Any, words: tuple[str, ...], drive: Drive) -> Iterator[tuple[A
 
 
 def _keys(words: tuple[str, ...], content: dict[str, Any]) -> list[str]:
-    """Keys of the numbers that one place of a file gives."""
+    """Keys of the numbers that are given at one place of a file."""
     if words[0] == "tensioner" and words[1] in _twins(content):
         return _keys_of_twin(words)
     if words[:2] == ("installation", "until"):
@@ -56,7 +56,7 @@ def _twins(content: dict[str, Any]) -> list[str]:
 
 
 def _keys_of_twin(words: tuple[str, ...]) -> list[str]:
-    """Keys of numbers of two tensioners and a spring, from those of the table of a twin arm."""
+    """Keys of numbers of two tensioners and a spring, from a key of the table of a twin arm."""
     _, name, field, *rest = words
     if not rest:
         return [f"arm_spring.{name}.{field}"]

@@ -44,12 +44,25 @@ _TERMS = tuple(ModelTable.model_fields)  # of [model]
 def load_drive(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint]:
     """The drive and the operating point that a TOML file describes.
 
-    Pulleys come belt after belt, tensioners each after the one that it sits on, otherwise in the
-    order of the file. Raises `FileError`, one line that names the file, the key, what was found
-    and what to do, for anything that is wrong with the file or impossible about its layout; and
-    `RuntimeError` when JAX is in single precision.
+    Pulleys come belt after belt, and each tensioner after the one that it sits on; otherwise the
+    order is that of the file. docs/drive_file.md.
+
+    Args:
+        path: the drive file.
+
+    Returns:
+        The drive, and the operating point with its excitation.
+
+    Raises:
+        FileError: the file is wrong or its layout impossible; one line names the file, the key,
+            what was found and what to do.
+        RuntimeError: JAX is in single precision.
+
+    Examples:
+        >>> drive, point = bj.load_drive("examples/three_pulley.toml")
+        >>> drive.pulley_names
     """
-    as_real(0.0)  # say what is wrong with the precision before anything about the file
+    as_real(0.0)  # raises for a wrong precision before anything is said about the file
     content = read_toml(path)
     if "drive" in content and "belt" not in content:
         raise FileError(
@@ -80,15 +93,24 @@ def load_drive(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint]:
 def save_drive(path: str | os.PathLike[str], drive: Drive, point: OperatingPoint) -> None:
     """Write a drive file from which `load_drive` restores every number exactly.
 
-    All numbers are SI; those without effect, as the pivot of a slide, are left out. The file has
-    the schema of the one that the drive came with, and is written in one move: it is complete or
-    absent. Raises `ValueError` for a drive that no file describes.
+    All numbers are SI; those without effect, such as the pivot of a slide, are left out. The file
+    has the schema of the one that the drive came with, and is written in one move: it is complete
+    or absent.
+
+    Args:
+        path: the file to write.
+        drive: the drive.
+        point: its operating point.
+
+    Raises:
+        ValueError: no file can describe the drive.
+        OSError: the file cannot be written.
     """
     write_whole(path, drive_bytes(drive, point))
 
 
 def drive_bytes(drive: Drive, point: OperatingPoint) -> bytes:
-    """What `save_drive` writes."""
+    """The content of the file that `save_drive` writes."""
     return tomli_w.dumps(drive_content(drive, point)).encode()
 
 
@@ -148,7 +170,7 @@ def _model(file: DriveTable) -> Model:
 
 
 def _model_content(model: Model) -> dict[str, bool]:
-    """What a file has to say of the model: the terms of which its schema says otherwise."""
+    """The terms of the model that a file must give: those that differ from its schema's default."""
     flags = {name: bool(np.asarray(getattr(model, name))) for name in _TERMS}
     return {name: flag for name, flag in flags.items() if flag != (model.schema == 2)}
 

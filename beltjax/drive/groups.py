@@ -1,4 +1,4 @@
-"""The one crossing between SI and the dimensionless groups (3.25), (4.12), and back."""
+"""Conversion between SI and the dimensionless groups (3.25), (4.12), which stands here alone."""
 
 import equinox as eqx
 import jax
@@ -16,12 +16,12 @@ _FAR = 1e6  # radians, or mean spans
 
 
 class Groups(eqx.Module):
-    """A drive in pure numbers; compare these with the literature.
+    """A drive in pure numbers, which may be compared with the literature.
 
     Lengths are in the mean span length, tensions in P0 (the tension at rest without torques, of
     the first belt), masses per length in that belt's, times in `Scales.time`. Coordinates are in
-    radians or in mean span lengths. An angular frequency in rad/s is the dimensionless one over
-    the time.
+    radians or in mean span lengths. An angular frequency in rad/s is the dimensionless one divided
+    by the time.
     """
 
     bendings: Float[Array, " belts"]  # eps = sqrt(EI/P0)/l
@@ -60,7 +60,7 @@ class Groups(eqx.Module):
 
     @property
     def loops(self) -> Loops:
-        """Which spans belong to which belt."""
+        """The belts' loops, which say which spans belong to which belt."""
         return Loops(self.loop_sizes)
 
     @property
@@ -87,7 +87,7 @@ class Groups(eqx.Module):
 
 
 class Scales(eqx.Module):
-    """What the groups are measured in."""
+    """Units of the groups."""
 
     length: Float[Array, ""]  # l, mean span length [m]
     tension: Float[Array, ""]  # P0 [N]
@@ -109,7 +109,7 @@ def groups_and_scales(
 ) -> tuple[Groups, Scales]:
     """Dimensionless groups of a drive whose reference state has this layout and these tensions.
 
-    `stop_forces` is what the stops carry there [N m] or [N], by the coordinates.
+    `stop_forces` are the forces of the stops there [N m] or [N], one per coordinate.
     """
     loops, of, of_springs = Loops(drive.loop_sizes), bodies(drive), springs(drive)
     lengths = at.span_lengths
@@ -172,17 +172,27 @@ def groups_and_scales(
     return groups, Scales(length=length, tension=base_tension, time=time)
 
 
-def ways(stops, coordinates, units) -> Float[Array, "coordinates 2"]:
-    """To the stops, over the units; where there is none, farther than anything moves."""
+def ways(
+    stops: Float[Array, "coordinates 2"],
+    coordinates: Float[Array, " coordinates"],
+    units: Float[Array, " coordinates"],
+) -> Float[Array, "coordinates 2"]:
+    """Distances to the stops over the units; a missing stop is farther than any body moves."""
     there = jnp.isfinite(stops)
     left = jnp.where(there, stops, 0.0) - coordinates[:, None]
     return jnp.where(there, left / units[:, None], _FAR * jnp.array([-1.0, 1.0]))
 
 
-def _unstretched(drive: Drive, at: Layout, tensions, axial, loops: Loops):
-    """Length of each belt that stretches with its tension: the spans, and if asked the arcs [m].
+def _unstretched(
+    drive: Drive,
+    at: Layout,
+    tensions: Float[Array, " spans"],
+    axial: Float[Array, " belts"],
+    loops: Loops,
+) -> Float[Array, " belts"]:
+    """Length of each belt that stretches with its tension [m]: spans, with `stretching_arcs` arcs.
 
-    The source leaves out the arcs, and takes the spans' stretched lengths.
+    The source leaves out the arcs, and uses the stretched lengths of the spans.
     """
     if not drive.model.stretching_arcs:
         return loops.sums(at.span_lengths)
@@ -192,14 +202,14 @@ def _unstretched(drive: Drive, at: Layout, tensions, axial, loops: Loops):
 
 
 def _positive(square: Float[Array, " n"]) -> Float[Array, " n"]:
-    """`square`, or 1 without a derivative where it is 0, of a body that carries nothing."""
+    """`square`, or 1 without a derivative where it is 0, as it is for a body without pulleys."""
     return jnp.where(square > 0, square, 1.0)
 
 
 def _root_or_zero(ratio: Float[Array, " n"]) -> Float[Array, " n"]:
     """Square root whose derivative at 0 is taken as 0, not inf.
 
-    At EI = 0 the derivative of Gamma with respect to EI has no value; everything else has.
+    At EI = 0 the derivative of Gamma with respect to EI does not exist, but all others do.
     """
     positive = ratio > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, ratio, 1.0)), 0.0)

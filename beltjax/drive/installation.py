@@ -1,4 +1,4 @@
-"""What an installation holds: a tension, or the belt and where the springs are relaxed."""
+"""Installation rules: a tension is given, or the belt and the springs' relaxed positions."""
 
 import equinox as eqx
 from jaxtyping import Array, Float
@@ -21,13 +21,13 @@ _FREE = number(COORDINATE, "where each spring is relaxed, by its name, from the 
 class TensionGiven(Readable):
     """The drawn layout is the torque-free state and `tension` its tension at rest.
 
-    That is the tension in the middle of the free spans. `steady_state` takes the belt for a string
-    there, which for a belt that is stiff for its pulleys it is not: `contact_state` finds the
+    It is the tension in the middle of the free spans. `steady_state` treats the belt at rest as a
+    string, which is inaccurate for a belt that is stiff for its pulleys. `contact_state` finds the
     belt whose real tension this is, or with `tension_of="string"` the belt that would have this
-    tension if it were a string, the one that `steady_state` is about.
+    tension if it were a string, which is the belt of `steady_state`.
 
-    They fix the unstretched length of the belt and the free angle of the arm; torques then
-    move the arm and the tensions. `span_tensions`, for comparison with print, names the
+    Layout and tension fix the unstretched length of the belt and the free angle of the arm; torques
+    then move the arm and change the tensions. `span_tensions`, for comparison with print, gives the
     tension of every span instead: the drawn layout is kept and torques are not used.
     """
 
@@ -43,13 +43,13 @@ class TensionGiven(Readable):
         ),
     )
     tension_of: str = eqx.field(static=True, default="belt")
-    # Where a spring that the tension does not settle is relaxed, NaN for the others: the springs of
-    # the tensioners, then the arm springs. Only more springs than coordinates need it.
+    # Relaxed position of each spring that the tension does not determine, NaN for the others: the
+    # springs of the tensioners, then the arm springs. Only more springs than coordinates need it.
     free: Float[Array, " springs"] | None = eqx.field(
         converter=as_optional, default=None, metadata=_FREE
     )
-    # Promises that springs or bolts hold every tensioner where it is drawn, so that nothing has to
-    # be found, and less is compiled. Set by the analyses where the numbers are known.
+    # True promises that springs or bolts hold every tensioner where it is drawn, so that no
+    # position has to be found, and less is compiled. It is set where the numbers are known.
     as_drawn: bool = eqx.field(static=True, default=False)
 
     def __check_init__(self):

@@ -28,7 +28,7 @@ from beltjax.results import (
 
 
 class Layout(Readable):
-    """Tangent points, spans and wraps of a drive, all [m] and [rad], in listed order.
+    """Tangent points, spans and wraps of a drive, all in [m] and [rad] and in listed order.
 
     Span i runs from pulley i to the next of its belt. `normals` point into the loop. Derivatives
     are those by the tensioners' coordinates [rad] or [m].
@@ -40,21 +40,21 @@ class Layout(Readable):
     starts: Float[Array, "spans 2"]  # tangent point on the span's first pulley
     ends: Float[Array, "spans 2"]  # tangent point on its second
     span_lengths: Float[Array, " spans"]
-    wraps: Float[Array, " pulleys"]  # not positive: contact lost
+    wraps: Float[Array, " pulleys"]  # where it is not positive, contact is lost
     arc_lengths: Float[Array, " pulleys"]
     path_lengths: Float[Array, " belts"]
-    coordinates: Float[Array, " coordinates"]  # at which it is
+    coordinates: Float[Array, " coordinates"]  # of the tensioners in this layout
     arms: Float[Array, "coordinates 2"]  # from each pivot to the pulleys that its body carries
     span_pulls: Float[Array, "spans coordinates"]  # the span's part of d(path): S
     span_turns: Float[Array, "spans coordinates"]  # d(w_i(l_i) - w_i(0)), inwards: a l
     lifts: Float[Array, "spans coordinates"]  # d(w_i(0)), inwards: W0
-    # Of the distance along the span between the pulleys at its ends, twice: H.
+    # Second derivatives of the distance along the span between the pulleys at its ends: H.
     curvatures: Float[Array, "spans coordinates coordinates"]
     result: RESULTS
 
     @property
     def path_length(self) -> Float[Array, ""]:
-        """Length of the path [m], of all belts together."""
+        """Length of the path [m], summed over all belts."""
         return jnp.sum(self.path_lengths)
 
     @property
@@ -79,7 +79,7 @@ def turned(vector: Float[Array, "2"], angle: Float[Array, ""]) -> Float[Array, "
 
 
 class Outline(NamedTuple):
-    """The numbers of a drive that its path depends on, stacked once."""
+    """The numbers of a drive on which its path depends, as arrays."""
 
     x: Float[Array, " pulleys"]  # centers, as drawn
     y: Float[Array, " pulleys"]
@@ -90,7 +90,7 @@ class Outline(NamedTuple):
 
 
 class Path(NamedTuple):
-    """What a layout is made of; the names they share mean the same."""
+    """The parts from which a `Layout` is made; fields of the same name mean the same."""
 
     x: Float[Array, " pulleys"]
     y: Float[Array, " pulleys"]
@@ -107,7 +107,7 @@ class Path(NamedTuple):
 
 
 def outline(drive: Drive) -> Outline:
-    """The numbers that the path of `drive` depends on."""
+    """The numbers on which the path of `drive` depends."""
     centers = drive.centers
     return Outline(
         centers[:, 0], centers[:, 1], drive.radii, drive.faces, drive.senses, bodies(drive)
@@ -133,7 +133,7 @@ def belt_path(of: Outline, loops: Loops, at: Float[Array, " coordinates"]) -> Pa
     along_y = jnp.where(exists, (lengths * up - of.senses * rise * across) / distance2, 0.0)
 
     wraps = _wraps(along_x, along_y, of, loops)
-    # The difference of a span's two ends is all that it feels of a body.
+    # A body acts on a span only through the difference of the span's two ends.
     apart_x, apart_y = following(there.by_x) - there.by_x, following(there.by_y) - there.by_y
     bent_x = following(there.twice_x) - there.twice_x
     bent_y = following(there.twice_y) - there.twice_y
@@ -159,12 +159,27 @@ def layout(
 ) -> Layout:
     """Path of the belts with the tensioners moved by `coordinates` from where they are drawn.
 
-    One number for each tensioner [rad] or [m], or one for all. Pulleys are inside the loop or on
-    its back; the path is that of a perfectly flexible belt.
+    Pulleys are inside the loop or on its back; the path is that of a perfectly flexible belt.
+    docs/theory/geometry.md, (G1) to (G6).
 
-    Fails with `no_tangent`, `contact_lost` (a wrap that is not positive) or `path_not_simple`
-    (not once round, or spans that cross). With `throw=False` read `.result`: values stay finite,
-    and their derivatives zero, where a tangent does not exist.
+    The result is a failure with `no_tangent`, `contact_lost` (a wrap that is not positive) or
+    `path_not_simple` (a path that does not go round once, or spans that cross). With `throw=False`
+    read `.result`: the values of a failed layout are finite, and their derivatives are zero.
+
+    Args:
+        drive: the drive.
+        coordinates: one number for each tensioner [rad] or [m], or one for all.
+        throw: raise where the result is a failure.
+
+    Returns:
+        Tangent points, span lengths, wraps and their derivatives, in SI units.
+
+    Raises:
+        AnalysisError: the result is a failure, and `throw` is set.
+
+    Examples:
+        >>> drive, point = bj.load_drive("examples/three_pulley.toml")
+        >>> bj.layout(drive).span_lengths  # [m]
     """
     found = _layout(canonical_drive(drive), as_flags(coordinates))
     return raise_unless_successful(found, found.result, throw)
@@ -211,8 +226,10 @@ def _layout(drive: Drive, coordinates: Float[Array, " coordinates"]) -> Layout:
     return frozen_where_failed(found, result)
 
 
-def _arms(of: Outline, centers, at) -> Float[Array, "coordinates 2"]:
-    """From each pivot to the middle of the pulleys that its body carries."""
+def _arms(
+    of: Outline, centers: Float[Array, "pulleys 2"], at: Float[Array, " coordinates"]
+) -> Float[Array, "coordinates 2"]:
+    """Vectors from each pivot to the middle of the pulleys that its body carries."""
     parts = of.bodies
     if not len(parts.rotary):
         return jnp.zeros((0, 2))
@@ -223,10 +240,17 @@ def _arms(of: Outline, centers, at) -> Float[Array, "coordinates 2"]:
 
 
 def alignment_angles(drive: Drive, at: Layout) -> Float[Array, "coordinates 2"]:
-    """(beta_in, beta_out) of Figure 3.2 for each tensioner, in [0, 2 pi).
+    """(beta_in, beta_out) of Figure 3.2 in Kong (2003) for each tensioner, in [0, 2 pi) [rad].
 
     They are the arm's direction less that of the span which ends on the tensioner's pulley going
-    counterclockwise, and of the one which starts there.
+    counterclockwise, and less that of the span which starts there. docs/theory/geometry.md.
+
+    Args:
+        drive: the drive.
+        at: its layout, as `layout` or a reference state gives it.
+
+    Returns:
+        One row per tensioner.
     """
     on, loops = bodies(drive).carries.T, Loops(drive.loop_sizes)
     met_in, met_out = on @ loops.preceding(at.directions), on @ at.directions
@@ -247,7 +271,9 @@ def crossings(
     """Which spans have a point in common; touching ends are not a crossing."""
     along = ends - starts
 
-    def side(points):
+    def side(
+        points: Float[Array | np.ndarray, "spans 2"],
+    ) -> Float[Array | np.ndarray, "spans spans"]:
         offset = points[None] - starts[:, None]
         return along[:, None, 0] * offset[..., 1] - along[:, None, 1] * offset[..., 0]
 
@@ -255,11 +281,13 @@ def crossings(
     return apart & apart.T
 
 
-def _wraps(along_x, along_y, of: Outline, loops: Loops) -> Float[Array, " pulleys"]:
+def _wraps(
+    along_x: Float[Array, " spans"], along_y: Float[Array, " spans"], of: Outline, loops: Loops
+) -> Float[Array, " pulleys"]:
     """Angle by which each pulley turns the belt, positive where it touches it.
 
-    In (-90, 270) degrees. Only a large pulley close to a small one takes more: then the belt would
-    seem not to turn round at all.
+    It is taken in (-90, 270) degrees. Only a large pulley close to a small one has a larger wrap;
+    it is recognized because the belt would otherwise not turn round at all.
     """
     before_x, before_y = loops.preceding(along_x), loops.preceding(along_y)
     cross = before_x * along_y - before_y * along_x

@@ -1,4 +1,4 @@
-"""Which pulleys and spans form the loop of each belt."""
+"""The loops of the belts: which pulleys and spans belong to each."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -6,7 +6,7 @@ from jaxtyping import Array, Float
 
 
 class Loops:
-    """Which pulleys and spans form each belt's loop, from the loops' sizes."""
+    """The pulleys and spans that form each belt's loop, from the loops' sizes."""
 
     def __init__(self, sizes: tuple[int, ...]):
         self.sizes = sizes
@@ -23,11 +23,11 @@ class Loops:
         return jnp.concatenate(parts)
 
     def following(self, values: Float[Array, "n *rest"]) -> Float[Array, "n *rest"]:
-        """What belongs to the next pulley or span of the same belt."""
+        """The values of the next pulley or span of the same belt."""
         return self._rolled(values, -1)
 
     def preceding(self, values: Float[Array, "n *rest"]) -> Float[Array, "n *rest"]:
-        """What belongs to the pulley or span before, of the same belt."""
+        """The values of the pulley or span before, on the same belt."""
         return self._rolled(values, 1)
 
     def sums(self, values: Float[Array, "n *rest"]) -> Float[Array, "belts *rest"]:
@@ -37,7 +37,7 @@ class Loops:
         return jnp.tensordot(jnp.asarray(self.of_belt), values, 1)
 
     def spread(self, values: Float[Array, " belts"]) -> Float[Array, " n"]:
-        """To every pulley or span what belongs to its belt."""
+        """The value of its belt for every pulley or span."""
         if len(self.sizes) == 1:
             return jnp.broadcast_to(values, (self.sizes[0],))
         return jnp.repeat(values, np.array(self.sizes), total_repeat_length=sum(self.sizes))

@@ -27,7 +27,7 @@ from beltjax.files.fields import Number, numbers
 TORQUE = "operation.torque."
 SPEEDS = ("operation.belt_speed", "operation.driver_speed")
 _ANGLE, _ARM_LENGTH = ".angle", ".arm_length"
-# What an arm's pivot says again, in the numbers that a designer turns.
+# Numbers that describe an arm's pivot once more, as a designer changes it.
 _OF_ARMS = {
     _ANGLE: Number("rad", "the tensioner turned as a whole about its pulleys' center, from 0"),
     _ARM_LENGTH: Number("m", "from the pivot to the pulleys' center", above=0),
@@ -45,7 +45,7 @@ class Place(NamedTuple):
     kind: str | None  # of the tensioner that the number belongs to, where it is known
     at: Callable[[Drive], Any]  # the array in the drive
     part: int | None = None  # which number of that array; None: all of it
-    silent: bool = False  # the file need not say it: it is as it is by default
+    silent: bool = False  # the file need not give it: it has its default value
 
     def read(self, drive: Drive) -> Array:
         """The number or the array."""
@@ -115,7 +115,7 @@ def _of_part(
 
 
 def _silent(part: Any, name: str) -> bool:
-    """Whether a number of a part is what it is where a file does not say it."""
+    """Whether a number of a part has the value that it has where a file does not give it."""
     fact = numbers(type(part))[name]
     if fact.beside is not None:
         return _silent(part, fact.beside)
@@ -181,7 +181,7 @@ def _arm_keys(drive: Drive) -> dict[str, int]:
 
 
 def is_relative(name: str) -> bool:
-    """Whether a number says again what the pivot of an arm says: its angle or its length."""
+    """Whether a number is the angle or the length of an arm, which its pivot determines, too."""
     return name.startswith("tensioner.") and name.endswith((_ANGLE, _ARM_LENGTH))
 
 
@@ -205,13 +205,20 @@ def full_key(drive: Drive, name: str) -> str:
 
 
 def _of_only(owner: str, rest: str, fields: set[str]) -> str:
-    """The field in `rest`, before which the name of its only owner may stand."""
+    """The field in `rest`, which may begin with the name of its only owner."""
     field = rest.removeprefix(f"{owner}.")
     return field if field.partition(".")[0] in fields else rest
 
 
 def variable_names(drive: Drive) -> list[str]:
-    """Keys of all numbers of this drive that a study may choose."""
+    """Keys of all numbers of this drive that a study may choose.
+
+    Args:
+        drive: the drive.
+
+    Returns:
+        Keys of the drive file, such as "pulley.NAME.radius" and "tensioner.angle".
+    """
     names = [place.key for place in _scalars(drive) if place.fact.design]
     return [*names, *_arm_keys(drive)]
 
@@ -219,8 +226,8 @@ def variable_names(drive: Drive) -> list[str]:
 def number_names(drive: Drive) -> list[str]:
     """Keys of the numbers that this drive has, and of speeds and torques.
 
-    Numbers that are as they are by default are left out, though they may be set. Either of the
-    speeds may be, whichever the file gives.
+    Numbers that have their default values are left out, though they may be set. Either of the
+    speeds may be set, whichever the file gives.
     """
     names = [place.key for place in _scalars(drive) if not place.silent]
     torques = [TORQUE + name for name in _takers(drive)]
@@ -235,7 +242,7 @@ def _takers(drive: Drive) -> list[str]:
 
 
 def require_number(drive: Drive, name: str) -> None:
-    """Raise `ValueError`, with some of the keys there are, unless `name` is one of them."""
+    """Raise `ValueError`, with some of the existing keys, unless `name` is one of them."""
     require_numbers(drive, [name])
 
 
@@ -257,7 +264,7 @@ def require_numbers(drive: Drive, names: Sequence[str]) -> None:
 
 
 def fact_of(drive: Drive, name: str) -> tuple[Number, str | None]:
-    """What is known of a number by its field, and the kind of tensioner that it belongs to.
+    """The facts on a number's field, and the kind of tensioner to which the number belongs.
 
     Raises `KeyError` for a number that the drive does not have.
     """
@@ -272,7 +279,18 @@ def fact_of(drive: Drive, name: str) -> tuple[Number, str | None]:
 
 
 def unit_of(drive: Drive, name: str) -> str:
-    """SI unit of a number of this drive; empty for a pure number."""
+    """SI unit of a number of this drive.
+
+    Args:
+        drive: the drive.
+        name: the number's key in the drive file.
+
+    Returns:
+        The unit; empty for a pure number.
+
+    Raises:
+        KeyError: the drive has no such number.
+    """
     fact, kind = fact_of(drive, name)
     return fact.unit_for(kind)
 
@@ -300,12 +318,9 @@ def with_number(drive: Drive, point: OperatingPoint, name: str, value: Float[Arr
 def with_numbers(
     drive: Drive, point: OperatingPoint, values: Mapping[str, Float[Array, ""]]
 ) -> Numbers:
-    """The drive and its operating point with some numbers set [SI], in any order.
+    """The drive and its operating point with some numbers set [SI], as `with_values` sets them.
 
-    A pulley's rim keeps its distance from the neutral axis unless it is set. "tensioner.angle"
-    turns a tensioner as a whole, with the free angle of its spring, about the center of its
-    pulleys, from 0 as drawn and with the pivot that it was given; "tensioner.arm_length" moves the
-    pivot along the arm. A speed replaces the other one.
+    A speed replaces the other one.
     """
     values = {full_key(drive, name): value for name, value in values.items()}
     for name, value in values.items():
@@ -320,7 +335,29 @@ def with_numbers(
 
 
 def with_values(drive: Drive, values: Mapping[str, Float[Array, ""]]) -> Drive:
-    """The drive with some of its own numbers set, as `with_numbers` does; `KeyError` for others."""
+    """The drive with some of its own numbers set [SI], in any order.
+
+    A pulley's rim keeps its distance from the neutral axis unless it is set. "tensioner.angle"
+    turns a tensioner as a whole, with the free angle of its spring, about the center of its
+    pulleys, from 0 as drawn and with the pivot that it was given; "tensioner.arm_length" moves the
+    pivot along the arm.
+
+    Args:
+        drive: the drive.
+        values: values [SI] by the numbers' keys in the drive file.
+
+    Returns:
+        The changed drive.
+
+    Raises:
+        KeyError: the drive has no such number; speeds and torques are not among them.
+
+    Examples:
+        >>> drive, point = bj.load_drive("examples/three_pulley.toml")
+        >>> radius = {"pulley.accessory.radius": jnp.asarray(0.03)}
+        >>> wider = bj.optimize.with_values(drive, radius)
+        >>> bj.optimize.value_of(wider, "pulley.accessory.radius")
+    """
     drawn = drive
     values = {full_key(drive, name): value for name, value in values.items()}
     places, arms = _by_key(drive), _arm_keys(drive)
@@ -340,7 +377,18 @@ def with_values(drive: Drive, values: Mapping[str, Float[Array, ""]]) -> Drive:
 
 
 def value_of(drive: Drive, name: str) -> Float[Array, ""]:
-    """Value of a number of `drive` [SI]; an angle of a tensioner is relative and hence 0."""
+    """Value of a number of `drive` [SI].
+
+    Args:
+        drive: the drive.
+        name: the number's key in the drive file.
+
+    Returns:
+        The value; 0 for the angle of a tensioner, which is relative to the drawn one.
+
+    Raises:
+        KeyError: the drive has no such number.
+    """
     key, arms = full_key(drive, name), _arm_keys(drive)
     if key in arms:
         if key.endswith(_ANGLE):
@@ -350,7 +398,7 @@ def value_of(drive: Drive, name: str) -> Float[Array, ""]:
 
 
 def number_value(drive: Drive, point: OperatingPoint, name: str) -> Float[Array, ""]:
-    """What `with_number` would have to be given to change nothing [SI]."""
+    """The value of a number [SI], with which `with_number` changes nothing."""
     if name.startswith(TORQUE):
         return point.torque.get(name.removeprefix(TORQUE), jnp.zeros(()))
     if name in SPEEDS:
@@ -364,8 +412,8 @@ def named_numbers(
 ) -> dict[str, Array]:
     """Every number of a drive and its operating point, by its key in the drive file.
 
-    Vectors are whole: "pulley.NAME.center". A gradient of a drive is a drive, so this names the
-    parts of a gradient too, with `of` the drive and point whose numbers it is by.
+    Vectors are whole: "pulley.NAME.center". A gradient by a drive is a drive, so that this names
+    the parts of a gradient, too; `of` is then the drive and point of the gradient.
     """
     keyed, running = (drive, point) if of is None else of
     found = {place.key: place.read(drive) for place in _places(keyed) if not place.silent}
@@ -380,7 +428,7 @@ def _is_rim(name: str) -> bool:
 
 
 def _with_rim(drive: Drive, name: str, radius: Float[Array, ""]) -> Drive:
-    """`drive`, the rim of a pulley kept at its distance from the neutral axis at `radius`."""
+    """`drive`, where the rim of a pulley keeps its distance from the neutral axis at `radius`."""
     if not (name.startswith("pulley.") and name.endswith(".radius")):
         return drive
     i = drive.pulley(name.removeprefix("pulley.").removesuffix(".radius"))
@@ -398,7 +446,7 @@ def _center(drive: Drive, body: int) -> Float[Array, "2"]:
 
 
 def _arm(drive: Drive, body: int) -> Float[Array, "2"]:
-    """From the pivot of a tensioner to the middle of its pulleys, as drawn."""
+    """Vector from the pivot of a tensioner to the middle of its pulleys, as drawn."""
     return _center(drive, body) - drive.tensioners[body].pivot
 
 
@@ -420,10 +468,10 @@ def _with_tensioner_turned(drive: Drive, body: int, angle: Float[Array, ""]) -> 
 
 
 def _wound_alike(drive: Drive, before: Drive, turned: Float[Array, ""]) -> Drive:
-    """`drive`, whose free angle has jumped with its drawn arm since `before`.
+    """`drive`, with a free angle that follows a jump of its drawn arm's direction since `before`.
 
-    The drawn arm's direction is between -180 and 180 degrees. A move across that cut, beside the
-    angle by which the tensioner was `turned`, must not wind the spring by a whole turn.
+    That direction is between -180 and 180 degrees. A move across this cut, apart from the angle by
+    which the tensioner was `turned`, must not wind the spring by a whole turn.
     """
     rule = drive.installation
     if not isinstance(rule, BeltGiven) or rule.free_angle is None:

@@ -12,14 +12,24 @@ from beltjax.drive.system import Drive
 
 
 def one_belt(drive: Drive, point: OperatingPoint, name: str) -> tuple[Drive, OperatingPoint]:
-    """The belt of that name, the pulleys and tensioners on it, and how it runs.
+    """A drive of the belt `name` alone, with the pulleys and tensioners on it, and how it runs.
 
-    The pulley nearest to the driver drives it; the others take what their shafts need, those on
-    the way to further belts included. Isolators and dampers, which vibration alone feels, are
-    left out. Not for tracing. Of a drive with one belt, the drive itself.
+    The pulley nearest to the driver drives the belt. The others take what their shafts need, those
+    that lead to further belts included. Isolators and dampers, which affect vibration alone, are
+    left out. A drive with a single belt is returned as it is. The function cannot be traced by JAX.
 
-    Raises `KeyError` for a belt that is not there, `ValueError` for one that a tensioner moves
-    together with another, and for a belt whose tensioner is adjusted.
+    Args:
+        drive: a drive of one belt or several.
+        point: speeds and torques.
+        name: name of the belt.
+
+    Returns:
+        The drive of that belt, and its operating point.
+
+    Raises:
+        KeyError: there is no belt of that name.
+        ValueError: a tensioner moves the belt together with another, or the installation adjusts
+            a tensioner.
     """
     names = [belt.name for belt in drive.belts]
     if name not in names:
@@ -32,7 +42,7 @@ def one_belt(drive: Drive, point: OperatingPoint, name: str) -> tuple[Drive, Ope
     own = np.flatnonzero(moved[places].any(axis=0))
     others = np.delete(moved, places, axis=0)
     if others[:, own].any():
-        raise ValueError(f"Belt {name!r}: a tensioner moves another belt, too; take both together.")
+        raise ValueError(f"Belt {name!r}: a tensioner moves another belt, too; keep both together.")
     pulleys = tuple(
         dataclasses.replace(
             drive.pulleys[p],

@@ -1,4 +1,4 @@
-"""How a drive runs: speed, torques, and what shakes it."""
+"""How a drive runs: its speed, its torques and its excitation."""
 
 from typing import ClassVar
 
@@ -13,7 +13,7 @@ from beltjax.files.fields import number
 
 
 class ExcitationGiven(Readable):
-    """What shakes the drive, by the drive file: the default of `beltjax response`.
+    """Excitation that the drive file gives, which is the default of `beltjax response`.
 
     Amplitudes are zero to peak, at `order` times the driver's speed.
     """
@@ -36,12 +36,13 @@ class ExcitationGiven(Readable):
 
 
 class OperatingPoint(Readable):
-    """How the drive runs: its speed, and the torque each accessory takes from the belt.
+    """How the drive runs: its speed, and the torque that each accessory takes from the belt.
 
     Give `belt_speed`, or `driver_speed` from which it follows. `mass_flow` replaces the
-    belt's mass per length in contact mechanics. The driver balances the torques; one given for
-    it counts for nothing, so that batches may mix which pulley drives (a drive file refuses it).
-    `excitation` concerns forced vibration alone.
+    belt's mass per length in contact mechanics. The driver balances the torques; a torque given for
+    the driver is ignored, so that batches may mix which pulley drives (a drive file refuses it).
+    `excitation` concerns forced vibration alone. Raises `ValueError` unless exactly one of the two
+    speeds is given.
     """
 
     words: ClassVar = {"travel": TRAVELS}
@@ -76,14 +77,14 @@ class OperatingPoint(Readable):
             raise ValueError("OperatingPoint: give either belt_speed or driver_speed.")
 
     def speed(self, drive: Drive) -> Float[Array, ""]:
-        """Speed of the belt [m/s]; of several, that of the driver's."""
+        """Speed of the belt [m/s]; where there are several, of the belt of the driver."""
         if self.belt_speed is not None:
             return self.belt_speed
         assert self.driver_speed is not None  # as __check_init__ holds
         return self.driver_speed * (drive.drives @ drive.radii)
 
     def torques(self, drive: Drive) -> Float[Array, " pulleys"]:
-        """Torque taken from its belt by each pulley [N m]; the driver's balances the rest.
+        """Torque [N m] that each pulley takes from its belt; the driver balances the others.
 
         Raises `KeyError` for a torque on a pulley that the drive does not have.
         """

@@ -1,4 +1,4 @@
-"""Numbers that no drive can have, kept from spoiling a batch."""
+"""Numbers that no drive can have, and placeholders that keep them from spoiling a batch."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ Numbers = tuple[Drive, OperatingPoint]
 
 
 def usable(drive: Drive, point: OperatingPoint) -> Bool[Array, ""]:
-    """Whether all numbers are finite, and those positive that must be."""
+    """Whether all numbers are finite, and all that must be positive are."""
     rule = drive.installation
     positive: list[Any] = [drive.radii]
     positive += [belt.axial_stiffness for belt in drive.belts]
@@ -50,9 +50,10 @@ def usable(drive: Drive, point: OperatingPoint) -> Bool[Array, ""]:
 
 
 def harmless(drive: Drive, point: OperatingPoint, good: Bool[Array, ""]) -> Numbers:
-    """The drive and point where `good`; elsewhere rings of like pulleys, without derivatives.
+    """The drive and point where `good`; elsewhere rings of equal pulleys, without derivatives.
 
-    Computing goes on with it, so that every number stays finite; the result tells.
+    The computation goes on with them, so that every number stays finite; the result reports the
+    failure.
     """
     centers = []
     for size in drive.loop_sizes:

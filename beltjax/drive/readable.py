@@ -1,4 +1,4 @@
-"""How drives and results print: a short table of names, values and units."""
+"""Drives and results print as a short table of names, values and units."""
 
 import dataclasses
 import html
@@ -18,7 +18,7 @@ from beltjax.results import RESULTS, code, outcomes
 
 _LONGEST = 8  # numbers of an array that are shown
 
-# SI unit of what results hold; that of a drive's numbers stands on their fields.
+# SI units of the fields of results; the units of a drive's numbers stand on their fields.
 _UNITS_OF_RESULTS = {
     "span_lengths": "m",
     "unstretched_span_lengths": "m",
@@ -50,15 +50,15 @@ _UNITS_OF_RESULTS = {
 class Readable(eqx.Module):
     """A module that prints as a table, and in notebooks as one of HTML.
 
-    Parts that are defined beside it are shown in a row each, others by their names alone. While
-    JAX traces it, in a batch, or with other leaves than numbers it prints as Equinox has it.
+    Each part of a drive is described in a row, and other modules are named alone. While JAX traces
+    it, in a batch, or with other leaves than numbers it prints in the form of Equinox.
     """
 
     # Signs that stand for words, by the name of the field.
     words: ClassVar[Mapping[str, Mapping[str, float]]] = {}
 
     def unit_of_row(self, field: str, key: str | None = None) -> str:
-        """SI unit of what a field holds, in a dictionary at `key`; empty for pure numbers."""
+        """SI unit of a field, or of its entry at `key` in a dictionary; empty for pure numbers."""
         fact = numbers(type(self)).get(field)
         if fact is None:
             return _UNITS_OF_RESULTS.get(field, "")
@@ -84,7 +84,7 @@ class Readable(eqx.Module):
 
 
 def _is_plain(module: eqx.Module) -> bool:
-    """Whether the numbers of a module are there, each of the rank that its field says."""
+    """Whether a module's numbers are known, each with the rank that its field declares."""
     for field in dataclasses.fields(module):
         value = getattr(module, field.name, None)
         if isinstance(value, RESULTS):
@@ -107,7 +107,7 @@ _NUMBERS = bool | int | float | complex | np.ndarray | np.generic | jax.Array
 
 
 def _rank(kind: Any) -> int | None:
-    """The rank that an annotation asks of an array; None where it is no array or may be absent."""
+    """The rank of an annotated array; None for other types, and for one that may be absent."""
     if typing.get_args(kind) and type(None) in typing.get_args(kind):
         return None
     shape = getattr(kind, "dim_str", None)
@@ -122,7 +122,7 @@ def _parts(value: Any) -> tuple[Any, ...]:
 
 
 def _rows(module: Readable) -> Iterator[tuple[str, str, str]]:
-    """Name, value and unit of what a module holds."""
+    """Name, value and unit of each entry of a module."""
     kind = _word(module, "kind", getattr(module, "kind", None))
     for field in dataclasses.fields(module):
         name, value = field.name, getattr(module, field.name)
@@ -146,14 +146,14 @@ def _rows(module: Readable) -> Iterator[tuple[str, str, str]]:
 
 
 def _label(part: Readable, among: tuple[Any, ...]) -> str:
-    """What a part is called: "belt", "pulley idler", "arm spring twin"."""
+    """The label of a part: "belt", "pulley idler", "arm spring twin"."""
     word = re.sub(r"(?<!^)(?=[A-Z])", " ", type(part).__name__).lower()
     name = getattr(part, "name", "")
     return word if len(among) == 1 and name in ("", word) else f"{word} {name}"
 
 
 def _is_shown(value: Any) -> bool:
-    """Whether a value is no empty text or array."""
+    """Whether a value is neither an empty text nor an empty array."""
     if isinstance(value, str):
         return bool(value)
     return not isinstance(value, _NUMBERS) or np.size(value) > 0
@@ -165,7 +165,7 @@ def _is_of_drive(module: Readable) -> bool:
 
 
 def _inline(part: Readable, whole: Readable) -> Iterator[str]:
-    """What a part of `whole` holds, in words of one line; its name stands before them."""
+    """Entries of a part of `whole`, as words for one line that begins with the part's name."""
     defaults = {field.name: field.default for field in dataclasses.fields(part)}
     for name, value, unit in _rows(part):
         held = getattr(part, name, None)
@@ -175,7 +175,7 @@ def _inline(part: Readable, whole: Readable) -> Iterator[str]:
         elif name in _FLAGS:
             yield from [name] * bool(np.any(held))
         elif name != "name" and (name in part.words or not _is_default(held, defaults.get(name))):
-            # The unit of a spring between two tensioners is that of either's own.
+            # A spring between two tensioners has the unit of the tensioners' own springs.
             ends = _marked(whole, "between", getattr(part, "between", ()))
             yield f"{name} {value} {ends[0].unit_of_row(name) if ends else unit}".rstrip()
 
@@ -193,13 +193,13 @@ _FLAGS = ("driver", "housed", "locked", "on_rim")
 
 
 def _marked(whole: Readable, field: str, flags: Any) -> list[Any]:
-    """What the flags of a part mark in the `whole`."""
+    """The parts of `whole` that the flags of a part mark."""
     parts = getattr(whole, _PLACES[field], ())
     return [part for part, flag in zip(parts, np.ravel(flags), strict=False) if flag]
 
 
 def _is_default(value: Any, default: Any) -> bool:
-    """Whether numbers are those that a field has where none are given."""
+    """Whether numbers are the default of their field."""
     if not isinstance(default, float | tuple):
         return False
     return np.array_equal(value, np.broadcast_to(default, np.shape(value)))
@@ -215,7 +215,7 @@ def _word(module: Readable, name: str, value: Any) -> str:
 
 
 def _counted(values: tuple[Any, ...]) -> str:
-    """A tuple of words, or how many of what there are."""
+    """The words of a tuple, or the number and the type of its entries."""
     if all(isinstance(value, str) for value in values):
         return ", ".join(values)
     return f"{len(values)} {type(values[0]).__name__}"

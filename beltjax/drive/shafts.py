@@ -1,4 +1,4 @@
-"""How shafts carry torque and speed from belt to belt."""
+"""Torque and speed, which shafts carry from belt to belt."""
 
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from beltjax.drive.components import Damper, Isolator
 from beltjax.drive.loops import Loops
 from beltjax.drive.system import Drive
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class Transmission(NamedTuple):
-    """Speed, travel and torque of every pulley, by the operating point of the drive."""
+    """Speed, travel and torque of every pulley at an operating point of the drive."""
 
     speeds: Float[Array, " pulleys"]  # of the belt that the pulley belongs to [m/s]
     travel: Float[Array, " pulleys"]  # +1 where that belt runs as listed, -1 where against
@@ -36,7 +37,7 @@ def transmission(drive: Drive, point: "OperatingPoint") -> Transmission:
         drive.pulley(name)
     count, radii, drives = len(drive.pulleys), drive.radii, drive.drives
     of_belt, on_shaft = Loops(drive.loop_sizes).of_belt, _on_shaft(drive)
-    # Of the drivers' shafts and belts the masks are data: which pulley drives is not structure.
+    # The masks of the driver's shaft and belt are data, so that the driver is not structure.
     driving = on_shaft.T @ (on_shaft @ drives)
     near = driving * (of_belt.T @ (of_belt @ drives))  # gives to its belt what the others take
     reached = of_belt.T @ (of_belt @ near)
@@ -75,9 +76,9 @@ def _on_shaft(drive: Drive) -> Float[np.ndarray, "shafts pulleys"]:
 
 
 class Rotors(NamedTuple):
-    """What turns: a hub for each shaft, then the rims of isolators, then the rings of dampers.
+    """The rotors: a hub for each shaft, then the rims of isolators, then the rings of dampers.
 
-    All turn positively in the direction in which their pulleys follow the belt's travel.
+    Rotations are positive in the direction in which the pulleys follow the belt's travel.
     """
 
     rims: Float[Array, "pulleys rotors"]  # 1 at the rotor that the belt turns
@@ -98,7 +99,10 @@ def rotors(drive: Drive) -> Rotors:
     fixed = jax.lax.stop_gradient
     rims, springs, dampings = hubs, jnp.zeros((size, size)), jnp.zeros((size, size))
 
-    def joined(one, other, part):
+    def joined(
+        one: Float[Array, " rotors"], other: Float[Array, " rotors"], part: Isolator | Damper
+    ) -> tuple[Float[Array, "rotors rotors"], Float[Array, "rotors rotors"]]:
+        """Stiffness and damping of a part between two rotors."""
         row = one - other
         return part.stiffness * jnp.outer(row, row), part.damping * jnp.outer(row, row)
 
@@ -137,7 +141,7 @@ def rotor_names(drive: Drive) -> tuple[str, ...]:
 
 
 def _inertias(drive: Drive) -> Float[Array, " rotors"] | None:
-    """Inertia of each rotor; that of a shaft may stand on any of its pulleys."""
+    """Inertia of each rotor; the inertia of a shaft may be given with any of its pulleys."""
     own: list[Array | None] = []
     for shaft in drive.shafts:
         inertias = (drive.pulleys[place].inertia for place in shaft)

@@ -1,4 +1,4 @@
-"""A whole drive: its belts, pulleys and bodies, and which belongs to which."""
+"""A whole drive, with its belts, pulleys and bodies and the relations between them."""
 
 import dataclasses
 import itertools
@@ -36,7 +36,7 @@ def span_names(pulleys: Sequence[str]) -> tuple[str, ...]:
 
 
 def repeated_name(names: Sequence[str]) -> str | None:
-    """The first of `names` that stands there twice."""
+    """The first of `names` that occurs twice; None where all are different."""
     return next((name for name in names if names.count(name) > 1), None)
 
 
@@ -135,7 +135,7 @@ class Drive(Readable):
                 )
         places = _belt_places(self.belts, self.pulleys)
         if places != sorted(places):
-            raise ValueError("Pulleys are listed belt after belt, in the order of the belts.")
+            raise ValueError("Pulleys: list them belt after belt, in the order of the belts.")
         for name, size in zip(names, self.loop_sizes, strict=True):
             if size < 2:
                 which = "A drive" if len(names) == 1 else f"Belt {name!r}"
@@ -156,12 +156,13 @@ class Drive(Readable):
                 require_shape(what, flags, (count,), "on, a flag for each tensioner,")
             marked = _flags([flags])
             if marked is not None and np.sum(marked) > 1:
-                raise ValueError(f"{what}: is on {np.sum(marked):g} tensioners; one may carry it.")
+                found = f"{np.sum(marked):g} tensioners carry it"
+                raise ValueError(f"{what}: {found}; give it to one at most.")
         for place, body in enumerate(self.tensioners):
             marked = _flags([body.on])
             if marked is not None and np.any(marked[0][place:]):
                 raise ValueError(
-                    f"Tensioner {body.name!r}: the tensioner it is on comes before it in the list."
+                    f"Tensioner {body.name!r}: list it after the tensioner on which it sits."
                 )
         for spring in self.arm_springs:
             if spring.between.ndim == 1:
@@ -178,7 +179,8 @@ class Drive(Readable):
             given = (rule.free is not None) + (rule.free_angle is not None)
             if given != bool(springs):
                 raise ValueError(
-                    "BeltGiven: free_angle, or free, is given exactly when there is a tensioner."
+                    "BeltGiven: give free_angle or free where there is a tensioner, and neither "
+                    "where there is none."
                 )
             if rule.free_angle is not None and len(self.tensioners) != 1:
                 raise ValueError("BeltGiven: free_angle is that of one arm; give free for several.")
@@ -284,7 +286,10 @@ def require_distinct(what: str, names: Sequence[str]) -> None:
 
 
 def joined_shafts(pulleys: Sequence[tuple[str, str | None]]) -> tuple[tuple[int, ...], ...]:
-    """Places on each shaft, of pulleys by their names and those of a pulley on the same shaft."""
+    """Places of the pulleys on each shaft.
+
+    `pulleys` has the name of each, and the name of another pulley on the same shaft or None.
+    """
     names = [name for name, _ in pulleys]
     shaft_of = list(range(len(names)))
     for place, (_, other) in enumerate(pulleys):
@@ -304,7 +309,10 @@ def _belt_places(belts: Sequence[Belt], pulleys: Sequence[Pulley]) -> list[int]:
 
 
 def _is_tree(belts: Sequence[int], shafts: Sequence[Sequence[int]]) -> bool:
-    """Whether shafts join all belts, by the belt of each pulley, and in one way only."""
+    """Whether shafts join all belts, and in one way only.
+
+    `belts` has the place of the belt of each pulley, `shafts` the places of the pulleys on each.
+    """
     group = list(range(max(belts) + 1))
     for shaft in shafts:
         for one, two in itertools.pairwise(shaft):
@@ -331,7 +339,7 @@ def _several(given: Any, kind: type) -> tuple[Any, ...]:
 
 
 def _on_bodies(part: Any, count: int) -> Any:
-    """`part`, its flags `on` those of `count` tensioners where none are given."""
+    """`part`, whose flags `on` are zeros for `count` tensioners where none are given."""
     flags = part.on
     if count == 0 or (flags.ndim == 1 and len(flags)):
         return part
@@ -339,7 +347,7 @@ def _on_bodies(part: Any, count: int) -> Any:
 
 
 def _named(parts: Sequence[Any], field: str, drive: Drive) -> tuple[Any, ...]:
-    """`parts`, those without a name called like the first pulley that their flags mark."""
+    """`parts`, where each without a name gets that of the first pulley that its flags mark."""
     named, names = [], drive.pulley_names
     for part in parts:
         flags = _flags([getattr(part, field)])

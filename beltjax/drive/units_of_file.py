@@ -4,11 +4,11 @@ from collections.abc import Iterator, Mapping
 
 
 class UnitsOfFile(Mapping[str, str]):
-    """Units by the keys of numbers; those that are not here are SI.
+    """Units by the keys of numbers; a number without a unit here is in SI.
 
-    All are equal, so that they never tell one compiled program, or the structure of one drive, from
-    another: in which unit a number is shown is no part of what it is. A program that returns a
-    drive gives it the units of the one that it was compiled for.
+    All instances are equal, so that units never distinguish compiled programs or the structures of
+    drives: the unit in which a number is shown is not part of its value. A program that returns a
+    drive gives it the units of the drive for which it was compiled.
     """
 
     def __init__(self, units: Mapping[str, str] | None = None):

@@ -31,7 +31,7 @@ Spans = Float[Array, " n"]
 
 
 class BeltMotion(NamedTuple):
-    """How the belt moves; which numbers are there says by which rule."""
+    """How the belt moves; the numbers that are not None say which of them are given."""
 
     m0: Scalar  # mass per unstretched length
     c: Scalar | None  # V_ref
@@ -62,7 +62,7 @@ class ContactModel(NamedTuple):
 
 
 class Unknown(NamedTuple):
-    """What the equations of contact are solved for."""
+    """The unknowns of the equations of contact."""
 
     w: Pulleys
     level: Scalar  # log of the least C above what the pulleys' curvatures take
@@ -76,7 +76,7 @@ class Loop(NamedTuple):
 
     data: SpanData  # each leaf [n], as of `spans`
     spans: Span
-    unmet: Float[Array, "n 2"]  # what the spans leave of their own equations
+    unmet: Float[Array, "n 2"]  # residuals of the spans' own equations
     x: Pulleys  # centers, the bodies moved
     y: Pulleys
     C: Spans
@@ -149,8 +149,10 @@ def _placed(q: Coordinates, model: ContactModel) -> Placed:
     return placed(model.bodies, model.x, model.y, model.bodies.carried, q)
 
 
-def _span_data(unknown: Unknown, kap: Pulleys, model: ContactModel):
-    """What each span is asked for, with the components of its line of centers."""
+def _span_data(
+    unknown: Unknown, kap: Pulleys, model: ContactModel
+) -> tuple[SpanData, Spans, Spans]:
+    """The data of each span, and the components of its line of centers."""
     there = _placed(unknown.q, model)
     x, y = there.x, there.y
     across, up = _following(x) - x, _following(y) - y
@@ -192,14 +194,15 @@ def speed(P: Array, bent: Array, loop: Loop, model: ContactModel) -> Array:
 
 
 def mass_flow(loop: Loop, model: ContactModel) -> Scalar:
-    """G, given or of the belt's mass and speed."""
+    """G, as it is given, or from the belt's mass and speed."""
     return model.motion.m0 * loop.V_ref if model.motion.G is None else model.motion.G
 
 
 def efficiency(loop: Loop, model: ContactModel) -> Scalar:
-    """Power that the accessories take over the driver's; 1 where there is none.
+    """Power that the accessories take over the power of the driver; 1 where there is none.
 
-    A ratio of the belt's stretches, so that it exists for a belt that stands still.
+    It is a ratio of moments weighted by the belt's stretches, so that it exists for a belt that
+    stands still.
     """
     bent = model.EI * loop.kap**2 / 2
     stretch = model.law.stretch(loop.P_in, bent, loop.g, model.EA)
@@ -214,11 +217,11 @@ def inclinations(spans: Span, model: ContactModel) -> tuple[Spans, Spans]:
     return spans.phi - 2 * turn * spans.u_i, spans.phi + 2 * _following(turn) * spans.u_j
 
 
-def _wraps(spans: Span, across, up, d, model: ContactModel) -> Pulleys:
+def _wraps(spans: Span, across: Spans, up: Spans, d: Spans, model: ContactModel) -> Pulleys:
     """Angles by which the pulleys turn the belt; negative where it would have to bend back.
 
-    Told from a full turn less by the angles of a string, which lie in (-90, 270) degrees; but the
-    belt turns once in all, and a large pulley beside a small one may take more than 270.
+    The angles of a string, which are taken in (-90, 270) degrees, decide about full turns. A large
+    pulley beside a small one may take more than 270 degrees: the belt turns once in all.
     """
     cos, sin = across / d, up / d
     rise = jnp.clip((model.rho - _following(model.rho)) / d, -1.0, 1.0)
@@ -238,7 +241,9 @@ def _wraps(spans: Span, across, up, d, model: ContactModel) -> Pulleys:
     return straight + turn * ((start - string) - _preceding(end - string))
 
 
-def _on_pulleys(adhesion, P_in, P_out, bent, g, model: ContactModel) -> Pulleys:
+def _on_pulleys(
+    adhesion: Pulleys, P_in: Pulleys, P_out: Pulleys, bent: Pulleys, g: Scalar, model: ContactModel
+) -> Pulleys:
     """Unstretched lengths of the arcs of adhesion and of slip (5.26)."""
     high = _positive(jnp.maximum(P_in, P_out))
     low = _positive(jnp.minimum(P_in, P_out))
@@ -248,7 +253,7 @@ def _on_pulleys(adhesion, P_in, P_out, bent, g, model: ContactModel) -> Pulleys:
 
 
 def long_spans(unknown: Unknown, model: ContactModel) -> tuple[Pulleys, Float[Array, "n 2"]]:
-    """Wraps, and starts for the spans, of spans that are long beside their bent ends."""
+    """Wraps and starts for the spans, as if they were long beside their bent ends."""
     data, across, up = _span_data(unknown, 1 / model.rho, model)
     wraps = _wraps(jax.vmap(separatrix)(data), across, up, data.d, model)
     return wraps, jax.vmap(span_start)(data)

@@ -19,7 +19,7 @@ Scalar = Float[Array, ""]
 
 
 class HeldBelt(NamedTuple):
-    """What installed belt and springs keep."""
+    """Properties of the installed belt and springs that stay the same."""
 
     L0: Scalar  # unstretched length
     relaxed: Coordinates  # the springs push by this less K q
@@ -34,7 +34,7 @@ def at_rest(model: ContactModel) -> ContactModel:
 
 
 class Task(NamedTuple):
-    """Which equations of contact are to be met; data, so that one compiled search does for all."""
+    """The equations of contact to meet, as data, so that one compiled search serves all."""
 
     resting: Scalar  # 1: find the springs for the bodies as drawn; 0: belt and springs are `held`
     by_tension: Scalar  # 1: the belt has the `tension`; 0: the length
@@ -47,7 +47,7 @@ class Task(NamedTuple):
 
 
 class Solved(NamedTuple):
-    """Where the equations of contact are met, and the belt there."""
+    """The root of the equations of contact, and the belt there."""
 
     unknown: Unknown
     loop: Loop
@@ -61,8 +61,8 @@ class Solved(NamedTuple):
 def solve(model: ContactModel, task: Task, start: Unknown, origin: Unknown) -> Solved:
     """The belt that meets the task, searched from a start that `likely` gives.
 
-    Where that leads nowhere it is followed from `origin`, the belt without torques and speed.
-    One square system, differentiated at its root.
+    Where that search fails the belt is followed from `origin`, the belt without torques and speed.
+    The square system is differentiated at its root.
     """
     args = model, task
     fixed = jax.lax.stop_gradient(args)
@@ -88,7 +88,7 @@ def solve(model: ContactModel, task: Task, start: Unknown, origin: Unknown) -> S
 def likely(C: Scalar, q: Coordinates, scale: Scalar, model: ContactModel) -> Unknown:
     """A start for `solve`: C at the tensioners, or the mean over the spans; wraps of long spans.
 
-    Only a place to search from: without derivatives.
+    It has no derivatives, since a search does not need them.
     """
     C, q, scale, model = jax.lax.stop_gradient((C, q, scale, model))
     offsets = jnp.exp(scale) * jnp.cumsum(model.pull)
@@ -107,7 +107,7 @@ def likely(C: Scalar, q: Coordinates, scale: Scalar, model: ContactModel) -> Unk
 
 
 def _largest(start: Unknown) -> Unknown:
-    """What one step may change: a factor e, 6 degrees, a factor 2; a radian or so of the rest."""
+    """Largest change in one step: a factor e, 6 degrees, a factor 2, and about 1 for the rest."""
     return Unknown(
         w=jnp.ones_like(start.w),
         level=jnp.array(1.0),
@@ -128,14 +128,14 @@ def _unpacked(x: Array, model: ContactModel) -> Unknown:
 
 
 def _met(x: Array, args: tuple[ContactModel, Task]) -> tuple[Array, Loop]:
-    """What is left of the equations at x, and the belt there."""
+    """Residuals of the equations at x, and the belt there."""
     unknown = _unpacked(x, args[0])
     loop = joined(unknown, args[0])
     return _equations(unknown, loop, *args), loop
 
 
 def _equations(unknown: Unknown, loop: Loop, model: ContactModel, task: Task) -> Array:
-    """Tension or belt length, the bodies, the torques, contacts and spans; of order one."""
+    """Residuals of tension or belt length, bodies, torques, contacts and spans, of order one."""
     size = jnp.mean(loop.C)
     length = (_length(loop) / task.held.L0 - 1) * model.EA / size
     # At rest T = P; whichever the law, nothing else is bent there.
@@ -152,7 +152,7 @@ def _equations(unknown: Unknown, loop: Loop, model: ContactModel, task: Task) ->
 
 
 def _bodies(q: Coordinates, loop: Loop, length: Scalar, model: ContactModel, task: Task) -> Array:
-    """What decides where each body stands.
+    """Residuals of the bodies' positions.
 
     Installed by a tension, sprung bodies stand as drawn, and floating ones where the belt leaves no
     push on them together. A bolted one stands where it is, or is moved to fit belt or mark. When
@@ -200,7 +200,7 @@ def _length(loop: Loop) -> Scalar:
 
 
 def _under(load: Scalar, model: ContactModel, task: Task) -> tuple[ContactModel, Task]:
-    """The same with this part of the torques and of the speed's square."""
+    """The model and task with this part of the torques and of the speed's square."""
     m0, c, v, G = model.motion
     root = jnp.sqrt(load)
     c, v, G = (None if x is None else root * x for x in (c, v, G))

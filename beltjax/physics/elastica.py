@@ -31,7 +31,7 @@ LONG = 35.0  # lengths ell beyond which e^{-L/ell} is below rounding
 
 
 class SpanData(NamedTuple):
-    """What a span is asked for."""
+    """The given numbers of a span."""
 
     C: Scalar
     EI: Scalar
@@ -77,10 +77,10 @@ class Arcs(NamedTuple):
 
 
 def span_at(unknown: Pair, span: SpanData) -> tuple[Span, Pair]:
-    """The span of any (z, phi), and what it leaves of its two equations.
+    """The span for any (z, phi), and the residuals of its two equations.
 
-    z is how much farther from the separatrix it is than a long span would be, phi the force's
-    direction. A long span needs neither: its equations only say what they are.
+    z says how much farther from the separatrix the span is than a long span would be, and phi is
+    the force's direction. A long span needs neither: its equations only fix their values.
     """
     *shape, long, first, second = _span_numbers(*unknown, *span)
     found = Span(*shape, long=long > 0, converged=jnp.array(True), residual=jnp.zeros_like(span.C))
@@ -89,7 +89,7 @@ def span_at(unknown: Pair, span: SpanData) -> tuple[Span, Pair]:
 
 @with_own_slopes
 def _span_numbers(z: Scalar, phi: Scalar, *data: Scalar) -> Float[Array, "11"]:
-    """What `span_at` tells."""
+    """The results of `span_at` in one array: the shape, whether it is long, both residuals."""
     span, unknown = SpanData(*data), jnp.stack([z, phi])
     limit, long, safe, safe_limit = _told_apart(span)
     bent, unmet = _shape(jnp.where(long, jnp.zeros(2), unknown), safe, safe_limit)
@@ -99,19 +99,20 @@ def _span_numbers(z: Scalar, phi: Scalar, *data: Scalar) -> Float[Array, "11"]:
 
 
 def span_start(span: SpanData) -> Pair:
-    """(z, phi) from which to search: nearly right for spans of a few lengths ell or more."""
+    """(z, phi) from which to search; they are nearly right where the span is a few ell long."""
     limit, long, safe, safe_limit = _told_apart(span)
     return jnp.where(long, jnp.stack([0.0, limit.phi]), _start(safe, safe_limit))
 
 
 def _told_apart(span: SpanData) -> tuple[Span, Bool[Array, ""], SpanData, Span]:
-    """The span as a long one, whether it is, and data for the other formulas whichever it is.
+    """The separatrix, whether the span is long, and data with which `_bent` is safe to evaluate.
 
-    The last is the limit for those data.
+    Those data are the span's own where it is not long, and harmless ones where it is. The last
+    entry is the separatrix for them.
     """
     limit, plain = separatrix(span), _harmless(span)
     long = jax.lax.stop_gradient(LONG * layer(span) < limit.L)
-    # The formulas not taken must not spoil the others' derivatives.
+    # The formulas that are not used must not spoil the derivatives of those that are.
     safe = jax.tree.map(lambda a, b: jnp.where(long, a, b), plain, span)
     safe_limit = jax.tree.map(lambda a, b: jnp.where(long, a, b), separatrix(plain), limit)
     return limit, long, safe, safe_limit
@@ -120,9 +121,9 @@ def _told_apart(span: SpanData) -> tuple[Span, Bool[Array, ""], SpanData, Span]:
 def elastica(span: SpanData) -> Span:
     """The span whose ends are tangent to both pulleys.
 
-    Needs P > 0 at both ends, that is C > EI kappa^2/2, and pulleys that do not overlap. Kong
-    (2003), eqs. (5.9), (5.16)-(5.21) with contact as a vector condition; docs/theory/contact.md,
-    (C4) to (C11).
+    It needs P > 0 at both ends, that is C > EI kappa^2/2, and pulleys that do not overlap. The
+    equations are those of Kong (2003), (5.9) and (5.16)-(5.21), with contact as a vector
+    condition; docs/theory/contact.md, (C4) to (C11).
     """
     limit, long, safe, safe_limit = _told_apart(span)
     return jax.tree.map(lambda a, b: jnp.where(long, a, b), limit, _bent(safe, safe_limit))
@@ -143,30 +144,30 @@ def layer(span: SpanData) -> Scalar:
 def _thrust(span: SpanData, F: Scalar) -> Scalar:
     """sin(phi), by the force's distances from both centers (its moments about them)."""
 
-    def distance(rho, kap):
+    def distance(rho: Scalar, kap: Scalar) -> Scalar:
         return (rho * (span.C - span.EI * kap**2 / 2) + span.EI * kap) / F
 
     return (distance(span.rho_i, span.kap_i) - distance(span.rho_j, span.kap_j)) / span.d
 
 
 def _sines(span: SpanData, u_i: Scalar, u_j: Scalar) -> Scalar:
-    """How far the contact points lie outside the centers, along the force."""
+    """Distance by which the contact points lie outside the centers, along the force."""
     return jnp.abs(span.rho_i) * jnp.sin(2 * u_i) + jnp.abs(span.rho_j) * jnp.sin(2 * u_j)
 
 
 def separatrix(span: SpanData) -> Span:
-    """The limit q = 0 of a long span, explicit; at EI = 0 the straight span of a string."""
+    """The explicit limit q = 0 of a long span; at EI = 0 it is the straight span of a string."""
     ell, C = layer(span), span.C
     u_i, u_j = (jnp.arcsin(ell * jnp.abs(kap) / 2) for kap in (span.kap_i, span.kap_j))
     sine = _thrust(span, C)
-    # A thrust line that would have to point backwards is not a long span: `_bent` finds it.
+    # A span whose thrust line would have to point backwards is not long: `_bent` finds it.
     phi = jnp.arcsin(jnp.clip(sine, -1.0 + 1e-9, 1.0 - 1e-9))
     bent = (1 - jnp.cos(u_i)) + (1 - jnp.cos(u_j))
     L = span.d * jnp.cos(phi) + _sines(span, u_i, u_j) + 2 * ell * bent
-    # The bent ends carry less tension, and strain less, than C; elementary in cos u.
+    # The bent ends carry less tension than C, and strain less; the integral is elementary in cos u.
     w = jnp.sqrt(2 * C / (span.EA - C))
 
-    def less(u):
+    def less(u: Scalar) -> Scalar:
         c = jnp.cos(u)
         return jnp.arctan(w * (1 - c) / (1 + w**2 * c))
 
@@ -208,15 +209,16 @@ def ends_of(zeta: Scalar, span: SpanData) -> Ends:
 
 
 def arcs(ends: Ends, kap: Pair, u: Pair, span: SpanData, third: bool = True) -> Arcs:
-    """Integrals from the point of least |kappa| to those of curvature kap and half angle u.
+    """Integrals from the point of least |kappa| to the points of curvature kap and half angle u.
 
-    Signed like the part of the span they measure: odd in u where q > 0 and in kap where q < 0.
+    Their sign is that of the part of the span they measure: they are odd in u where q > 0, and in
+    kap where q < 0.
     """
     same = span.kap_i * span.kap_j > 0
     C, F, EI, EA = span.C, ends.F, span.EI, span.EA
     q, b = ends.q, 4 * F / EI
     s, c = jnp.sin(u), jnp.cos(u)
-    # Either way 2 g R_F, and h (2/3) g^3 times R_D or R_J.
+    # In either case the integrals are 2 g R_F, and h (2/3) g^3 times R_D or R_J.
     g = jnp.where(same, s, kap)
     h = jnp.where(same, b * q, -q * (b + q))
     x = jnp.where(same, q * c**2, (b + q) * b * s**2)
@@ -238,7 +240,7 @@ def to_ends(ends: Ends, span: SpanData, third: bool = True) -> Arcs:
 
 
 def _residuals(unknown: Pair, span: SpanData, limit: Span) -> Pair:
-    """The force's direction and the closure of the span along it, for (z, phi)."""
+    """Residuals of the force's direction and of the span's closure along it, for (z, phi)."""
     ends = ends_of(unknown[0] + _separation(span, limit), span)
     return _unmet(unknown[1], ends, to_ends(ends, span, third=False), span)
 
@@ -249,7 +251,7 @@ def _unmet(phi: Scalar, ends: Ends, parts: Arcs, span: SpanData) -> Pair:
     return jnp.stack(
         [
             jnp.sin(phi) - _thrust(span, ends.F),
-            # In lengths ell, in which z moves it by as much as z.
+            # In units of ell the closure changes by about as much as z does.
             (along - span.d * jnp.cos(phi)) / layer(span),
         ]
     )
@@ -265,7 +267,7 @@ def _separation(span: SpanData, limit: Span) -> Scalar:
 
 
 def _start(span: SpanData, limit: Span) -> Pair:
-    """(z, phi) of a long span; not closer to one of no length than half of what there is."""
+    """(z, phi) of a long span, with z raised where zeta would be below 0.5."""
     return jnp.stack([jnp.maximum(0.0, 0.5 - _separation(span, limit)), limit.phi])
 
 
@@ -275,7 +277,7 @@ def _bent(span: SpanData, limit: Span) -> Span:
         lambda x: _residuals(x, *fixed), _start(*fixed), jnp.array([1.5, 0.5]), tol=1e-9
     )
 
-    def met(unknown, of):
+    def met(unknown: Pair, of: tuple[SpanData, Span]) -> tuple[Pair, _Shape]:
         shape, unmet = _shape(unknown, *of)
         return unmet, shape
 
@@ -289,7 +291,7 @@ def _bent(span: SpanData, limit: Span) -> Span:
 
 
 class _Shape(NamedTuple):
-    """The numbers of a `Span` that change with what it is asked for."""
+    """The numbers of a `Span` that depend on its data and its unknowns."""
 
     F: Scalar
     phi: Scalar
@@ -302,7 +304,7 @@ class _Shape(NamedTuple):
 
 
 def _shape(unknown: Pair, span: SpanData, limit: Span) -> tuple[_Shape, Pair]:
-    """The span of any (z, phi), and what it leaves of its equations."""
+    """The span for any (z, phi), and the residuals of its equations."""
     z, phi = unknown
     ends = ends_of(z + _separation(span, limit), span)
     parts = to_ends(ends, span)
@@ -346,12 +348,12 @@ def _bent_curvature(span: Span, data: SpanData, s: Array) -> Array:
 
 
 def _long_curvature(span: Span, data: SpanData, s: Array) -> Array:
-    """Both bent ends, tan(u/2) falling off from each like e^{-s/ell}."""
+    """Curvature of both bent ends: tan(u/2) decays from each like e^{-s/ell}."""
     ell = layer(data)
     unbent = ell == 0
     ell = jnp.where(unbent, 1.0, ell)
 
-    def end(u, kap, away):
+    def end(u: Scalar, kap: Scalar, away: Array) -> Array:
         fallen = 2 * jnp.arctan(jnp.tan(u / 2) * jnp.exp(-away / ell))
         return jnp.sign(kap) * 2 * jnp.sin(fallen) / ell
 

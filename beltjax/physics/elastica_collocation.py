@@ -14,8 +14,9 @@ rho (sin theta, -cos theta) from the center at either contact. In sizes of order
     p' = -L lambda e k q,   k' = L lambda q,   q' = L lambda p k,   theta' = L kappa_m k
     x' = (L/d) cos theta,   y' = (L/d) sin theta,   and L is an unknown parameter
 
-(5.21) is taken as a vector: printed as circle plus x-tangency it admits a mirror root. No closed
-form of the elastica enters: that is what makes this a check on one.
+(5.21) is used as a vector equation: as printed, a circle and a tangency in x, it admits a mirror
+root. No closed form of the elastica enters, so that this is an independent check of
+`physics.elastica`.
 """
 
 from typing import NamedTuple
@@ -29,6 +30,7 @@ from beltjax.physics.steady_collocation import layer_mesh
 from beltjax.results import RESULTS
 
 Scalar = Float[Array, ""]
+State = Float[Array, "6"]  # p, k, q, theta, x/d, y/d
 
 _STAGES = 6  # of a collocation interval: order 7 inside it, 12 at its ends
 _POINTS = 64  # intervals of a guess
@@ -36,7 +38,7 @@ _STEEPEST = 0.7  # sine of half the angle by which a guess lets a layer turn the
 
 
 class Contact(NamedTuple):
-    """What fixes where a span touches its pulleys."""
+    """The length and the end inclinations that fix where a span touches its pulleys."""
 
     length: Scalar
     theta_start: Scalar
@@ -44,18 +46,20 @@ class Contact(NamedTuple):
 
 
 class CollocatedSpan(NamedTuple):
-    """A span and how far it can be trusted."""
+    """A span with an estimate of its error."""
 
     length: Scalar
     theta_start: Scalar  # inclination where it leaves the first pulley, from center to center
     theta_end: Scalar
     P_mid: Scalar  # at half the arc length
-    error: Scalar  # estimated, of the largest of the unknowns of order one
+    error: Scalar  # estimated, as `BVPSolution.error`
     result: RESULTS
 
 
-def tangent_contact(C: Scalar, EI: Scalar, rho_start: Scalar, rho_end: Scalar, d: Scalar):
-    """Contact of the string's tangent, bent at either end as a long span would be: a guess."""
+def tangent_contact(
+    C: Scalar, EI: Scalar, rho_start: Scalar, rho_end: Scalar, d: Scalar
+) -> Contact:
+    """A guess of the contact: the string's tangent, bent at either end as a long span would be."""
     phi = -jnp.arcsin((rho_end - rho_start) / d)
     half = [jnp.sqrt(EI / C) / (2.0 * jnp.abs(rho)) for rho in (rho_start, rho_end)]
     turn_start, turn_end = (2.0 * jnp.arcsin(jnp.minimum(h, _STEEPEST)) for h in half)
@@ -78,11 +82,12 @@ def span_by_collocation(
     tol: float = 1e-10,
     nodes: int = 48,
 ) -> CollocatedSpan:
-    """The span of a given C from a pulley at (0, 0) to one at (d, 0), either of either sense.
+    """The span for a given C from a pulley at (0, 0) to one at (d, 0).
 
-    From `guess`, or from the string's tangent with its layers. It fails with the results of
-    `solve_bvp`: `mesh_exhausted` where `nodes` do not resolve the layers, `newton_failed` far
-    from a solution. A failed span holds finite placeholders.
+    Each pulley may turn the belt left or right. The search starts from `guess`, or from the
+    string's tangent with its layers. It fails with the results of `solve_bvp`: `mesh_exhausted`
+    where `nodes` do not resolve the layers, `newton_failed` far from a solution. A failed span
+    holds finite placeholders.
     """
     numbers = tuple(jnp.asarray(x, float) for x in (C, EI, rho_start, rho_end, d))
     C, EI, rho_start, rho_end, d = numbers
@@ -91,14 +96,14 @@ def span_by_collocation(
     rate, bent = jnp.sqrt(C / EI), EI * kappa_m**2 / C
     ends = jnp.stack([rho_start, rho_end])
 
-    def rhs(_, y, L, args):
+    def rhs(_: Scalar, y: State, L: Float[Array, "1"], args: None) -> State:
         p, k, q, theta = y[0], y[1], y[2], y[3]
         layers = L[0] * d * rate
         turned = jnp.stack([kappa_m * d * k, jnp.cos(theta), jnp.sin(theta)])
         bending = jnp.stack([-bent * k * q, q, p * k])
         return jnp.concatenate([layers * bending, L[0] * turned])
 
-    def bc(start, end, L, args):
+    def bc(start: State, end: State, L: Float[Array, "1"], args: None) -> Float[Array, "7"]:
         k = 1.0 / (kappa_m * ends)
         offset_start, offset_end = (
             y[4:6] - rho / d * jnp.stack([jnp.sin(y[3]), -jnp.cos(y[3])])
@@ -119,8 +124,10 @@ def span_by_collocation(
     )
 
 
-def _shape(guess: Contact, rate: Scalar, ends: Float[Array, "2"], d: Scalar):
-    """Points and states of a straight span with a layer at either end, dense in the layers."""
+def _shape(
+    guess: Contact, rate: Scalar, ends: Float[Array, "2"], d: Scalar
+) -> tuple[Float[Array, " points"], Float[Array, "6 points"]]:
+    """Points and states of a straight span with a layer at either end; layers have most points."""
     width = rate * guess.length
     x = layer_mesh(jnp.clip(1.0 / width, 1e-7, 10.0)[None], _POINTS, 4)[0]
     x = jax.lax.stop_gradient(x)

@@ -29,6 +29,7 @@ from beltjax.physics.waves import wave_numbers
 Scalar = Float[Array, ""]
 Spans = Float[Array, " spans"]
 ComplexSpans = Complex[Array, " spans"]
+PerSpan = Complex[Array, "spans columns"]
 
 _TINY = 1e-150  # whose inverse has a square that is finite
 _LEAST_STIFFNESS = 1e-30  # below it a span is a string to rounding
@@ -49,7 +50,7 @@ class SpanWaves(NamedTuple):
 
 
 class SpanResponse(NamedTuple):
-    """Closed-form answer of each span to w(0), w(1) and delta, each in turn 1 (last axis: 3)."""
+    """Closed-form response of each span to w(0) = 1, w(1) = 1 and delta = 1, along axes of 3."""
 
     waves: SpanWaves
     amplitudes: Complex[Array, "spans 4 3"]  # of the four waves
@@ -128,23 +129,25 @@ def span_response(m: VibrationModel, omega: Scalar) -> SpanResponse:
     return SpanResponse(of, amplitudes, jnp.stack([-push, pull, stretch], axis=1), held, below)
 
 
-def _amplitudes(of: SpanWaves, forced) -> tuple[Array, ComplexSpans]:
-    """Amplitudes of the waves [spans 4 3] by the end conditions, and their determinant.
+def _amplitudes(
+    of: SpanWaves, forced: Complex[Array, "spans 2"]
+) -> tuple[Complex[Array, "spans 4 3"], ComplexSpans]:
+    """Amplitudes of the waves by the end conditions, and the determinant of these conditions.
 
     The two waves that stay at the ends are eliminated by the moments there, which they carry;
     two equations for the two that travel remain.
     """
-    near, far = of.end[:, 2], of.start[:, 3]  # what is left of a layer at the other end
+    near, far = of.end[:, 2], of.start[:, 3]  # each layer's value at its far end
     shared = 1 - near * far
     give = of.bend[:, :2] * of.start[:, :2], of.bend[:, :2] * of.end[:, :2]
 
-    def layers(h0, h1):
-        """Their moments' amplitudes for given moments at x = 0 and 1."""
+    def layers(h0: PerSpan, h1: PerSpan) -> tuple[PerSpan, PerSpan]:
+        """Amplitudes of the layers' moments for given moments at x = 0 and 1."""
         at_start, at_end = h0 - far[:, None] * h1, h1 - near[:, None] * h0
         return at_start / shared[:, None], at_end / shared[:, None]
 
-    def displaced(at_start, at_end):
-        """Displacements at x = 0 and 1 by layers of such moments."""
+    def displaced(at_start: PerSpan, at_end: PerSpan) -> tuple[PerSpan, PerSpan]:
+        """Displacements at x = 0 and 1 by layers whose moments have these amplitudes."""
         a, b = at_start / of.bend[:, 2:3], at_end / of.bend[:, 3:4]
         return a + far[:, None] * b, near[:, None] * a + b
 
@@ -164,7 +167,8 @@ def _amplitudes(of: SpanWaves, forced) -> tuple[Array, ComplexSpans]:
     c2 = rhs1 * row0[:, :1] - rhs0 * row1[:, :1]
     c3 = by_waves[0][:, :1] * c1 + by_waves[0][:, 1:] * c2 + by_delta[0] * over
     c4 = by_waves[1][:, :1] * c1 + by_waves[1][:, 1:] * c2 + by_delta[1] * over
-    # One division, the last: XLA keeps its result, and computes no amplitude again for each use.
+    # The only division comes last: XLA keeps its result, and does not recompute the amplitudes at
+    # each use.
     one = jnp.ones_like(shared)
     below = over * jnp.stack([one, one, of.bend[:, 2], of.bend[:, 3]], axis=1)
     return jnp.stack([c1, c2, c3, c4], axis=1) / below[:, :, None], determinant
@@ -221,10 +225,10 @@ def _held_span(of: SpanWaves, determinant: ComplexSpans) -> tuple[Spans, Int[Arr
 def dynamic_stiffness(
     m: VibrationModel, kept: Int[Array, " kept"], omega: Scalar, of: SpanResponse
 ) -> tuple[Float[Array, " spans"], Complex[Array, "spans turns"], Complex[Array, "turns turns"]]:
-    """D(omega) in three blocks: delta with delta (diagonal), with the rest, and the rest's.
+    """The three blocks of D(omega): delta (diagonal), its coupling with the rest, and the rest.
 
-    The rest are the rotations of the rotors `kept`, then the coordinates; of one that does not
-    move the row and column are those of the unit matrix. delta is measured in
+    The rest are the rotations of the rotors `kept`, then the coordinates. A coordinate that does
+    not move has the row and the column of the unit matrix. delta is measured in
     1/sqrt(lam gamma), so that its block is near -1 but for its poles.
     """
     scale = jnp.sqrt(m.lam * m.gam)
@@ -252,20 +256,22 @@ def characteristic(m: VibrationModel, kept: Int[Array, " kept"], omega: Scalar) 
     rest = own - jnp.sum(products / pivots[:, None, None], axis=0)
     later = _pivots(rest)
     value = jnp.prod(pivots) * jnp.prod(later) * jnp.prod(of.held)
-    # Each span's delta is a multiplier: one negative pivot per span counts nothing.
+    # Each span's delta is a multiplier, whose negative pivot does not count.
     negative = jnp.sum(pivots < 0) + jnp.sum(later < 0) - len(m.lam)
     return Characteristic(value, negative + jnp.sum(of.below))
 
 
 def _not_zero(pivot: Array, tiny: float) -> Array:
-    """`pivot`, or `tiny` where it is 0: its derivative, which a root needs most, is kept."""
+    """`pivot`, or `tiny` where it is 0; the derivative, which a root needs there, is kept."""
     return pivot + jnp.where(pivot == 0, tiny, 0.0)
 
 
 def _pivots(matrix: Complex[Array, "n n"]) -> Float[Array, " n"]:
-    """Pivots of Gaussian elimination of a Hermitian matrix: their signs are its inertia."""
+    """Pivots of Gaussian elimination of a Hermitian matrix; their signs give its inertia."""
 
-    def eliminate(left, j):
+    def eliminate(
+        left: Complex[Array, "n n"], j: Int[Array, ""]
+    ) -> tuple[Complex[Array, "n n"], Scalar]:
         pivot = _not_zero(left[j, j].real, _TINY)
         return left - jnp.outer(left[:, j], left[j, :]) / pivot, pivot
 
@@ -276,13 +282,13 @@ def _pivots(matrix: Complex[Array, "n n"]) -> Float[Array, " n"]:
 def spans_in_motion(
     m: VibrationModel,
     found: SpanResponse,
-    delta: Array,
+    delta: ComplexSpans,
     q: Complex[Array, " coordinates"],
     x: Float[Array, " points"],
 ) -> Complex[Array, "spans points"]:
     """Deflections w of the spans at x for elongations `delta` and the bodies' coordinates `q`.
 
-    `delta` is in the measure of `dynamic_stiffness`.
+    `delta` is measured as in `dynamic_stiffness`.
     """
     of = found.waves
     delta = delta / jnp.sqrt(m.lam * m.gam)

@@ -5,7 +5,7 @@
 
     eps  sqrt(EI/P)/L     v  c sqrt(m/P)     x over L, omega in sqrt(P/m)/L
     r1..r4  waves, as in `waves`;  d = (r1 - r2)/2;  k = Im r3
-    a = d/k, e = drift/k: what a support sees of the waves, of order eps
+    a = d/k, e = drift/k: the quantities of order eps on which a support's reflection depends
     phi  phase that a support adds to pi at reflection
 
 The determinant of the four boundary conditions, divided by what the waves' own coincidences put
@@ -60,7 +60,7 @@ def beam_waves(eps: Real, v: Real, omega: Real) -> Waves:
 
 
 class Seen(NamedTuple):
-    """What the supports see of the waves."""
+    """The quantities of the waves on which reflection at the supports depends."""
 
     d: Real
     a: Real
@@ -70,14 +70,14 @@ class Seen(NamedTuple):
 
 
 def seen(eps: Real, of: Waves) -> Seen:
-    """The waves as the supports see them, for k^2 > 0."""
+    """The quantities `Seen` of given waves, for k^2 > 0."""
     d = (of.r1 - of.r2) / 2.0
     u = eps / jnp.sqrt(of.steepness)
     return Seen(d, d * u, of.drift * u, of.drift, u)
 
 
 def reflection_phase(support: str, eps: Real, of: Waves) -> Real:
-    """phi: a support reflects with phase pi + phi, the same at either end. No digits cancel.
+    """phi, where a support reflects with the phase pi + phi, at either end. No digits cancel.
 
     simple: atan2(8 a e^2, h) = 8 eps^3 v^2 omega^3/(1-v^2)^(9/2) + ...; fixed: -atan2(2 a, g).
     """
@@ -100,7 +100,7 @@ def closure_phase(ends: Ends, eps: Real, of: Waves) -> Real:
 
 
 def _beyond_closure(ends: Ends, at: Seen) -> Real:
-    """c: what e^{-k} adds to sin(phase) in the determinant over its amplitude."""
+    """c, which e^{-k} adds to sin(phase) in the determinant over its amplitude."""
     d, a, e, drift, u = at
     E = jnp.where(u > _NO_LAYER, jnp.exp(-1.0 / jnp.maximum(u, _NO_LAYER)), 0.0)
     sine, cosine = jnp.sin(d), jnp.cos(d)
@@ -139,7 +139,7 @@ def closure(omega: Scalar, eps: Scalar, v: Scalar, n: Int[Array, ""], ends: Ends
     """A function of omega that goes from minus to plus at the n-th frequency alone."""
     of = beam_waves(eps, v, omega)
     # Layers that fill the span occur below the first frequency, and at it only close to
-    # buckling. There the determinant itself tells the side.
+    # buckling. There the sign of the determinant itself shows on which side omega lies.
     thick = of.steepness <= _THICK * eps**2
     thin = of._replace(steepness=jnp.where(thick, 1.0, of.steepness))
     # The slope of arcsin stays finite on the way; at a frequency |c| is far below one.
@@ -171,7 +171,7 @@ def first_guess(eps: Scalar, v: Scalar, n: Int[Array, ""], ends: Ends) -> Scalar
 
 
 class FoundFrequency(NamedTuple):
-    """A frequency and its evidence."""
+    """A frequency, its estimated error, and whether the search converged."""
 
     omega: Scalar
     error: Scalar  # the last step of Newton's method, relative
@@ -185,7 +185,7 @@ def frequency(eps: Scalar, v: Scalar, n: Int[Array, ""], ends: Ends) -> FoundFre
     # In units of the guess: close to the critical speed frequencies are small.
     unit = first_guess(*fixed, n, ends)
 
-    def residual(y, numbers):
+    def residual(y: Scalar, numbers: tuple[Scalar, Scalar]) -> Scalar:
         eps, v = numbers
         return closure(y * unit, eps, v, n, ends)
 

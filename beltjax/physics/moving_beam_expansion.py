@@ -27,8 +27,9 @@ def leading_wave_numbers(eps: Real, v: Real, omega: Real) -> WaveNumbers:
 def frequency_terms(eps: Real, v: Real, n: Real, ends: Ends) -> tuple[Real, ...]:
     """The n-th frequency as terms of order eps^0, eps^1, ...; their sum is the approximation.
 
-    Simple supports: to eps^3, one order beyond (2.28). One or two fixed ends: to eps^2, one order
-    beyond (2.37) and (2.38). `PRINTED_ORDER` says where the print stops. For |v| < 1.
+    For simple supports the terms go to eps^3, one order beyond (2.28); for one or two fixed ends
+    to eps^2, one order beyond (2.37) and (2.38). `PRINTED_ORDER` says where the print stops. They
+    hold for |v| < 1.
     """
     N, Q = n * jnp.pi, (1.0 - v) * (1.0 + v)
     string = N * Q

@@ -20,12 +20,12 @@ Amplitudes = tuple[Cplx, Cplx, Cplx, Cplx]
 
 
 class Reflection(NamedTuple):
-    """What the supports A (x = 0) and B (x = 1) send back, over what arrives (Table 2.2)."""
+    """Reflection coefficients of the supports A (x = 0) and B (x = 1) (Table 2.2)."""
 
-    R_A: Cplx  # the travelling wave r1 made of r2
-    Rbar_A: Cplx  # the layer r3 made of r2
-    R_B: Cplx  # the travelling wave r2 made of r1
-    Rbar_B: Cplx  # the layer r4 made of r1
+    R_A: Cplx  # amplitude of the travelling wave r1 over that of the arriving r2
+    Rbar_A: Cplx  # of the layer r3 over the arriving r2
+    R_B: Cplx  # of the travelling wave r2 over the arriving r1
+    Rbar_B: Cplx  # of the layer r4 over the arriving r1
 
 
 def _apart(support: str, r: Cplx | Real, s: Cplx | Real) -> Cplx:
@@ -49,8 +49,8 @@ def reflection(support: str, roots: WaveNumbers) -> Reflection:
 def exact_amplitudes(roots: WaveNumbers, ends: Ends) -> Amplitudes:
     """c1..c4 from w = 0 at both ends and the other condition at x = 0.
 
-    The last condition is met if omega is a frequency. Both layers are seen at both ends, so
-    nothing of size e^{-Im r3} is neglected.
+    The last condition is met if omega is a frequency. Both layers enter the conditions at both
+    ends, so that nothing of size e^{-Im r3} is neglected.
     """
     r1, r2, r3, r4 = roots
     E1, E2, g3, g4 = (jnp.exp(1j * r) for r in (r1, r2, r3, -r4))
@@ -64,7 +64,7 @@ def exact_amplitudes(roots: WaveNumbers, ends: Ends) -> Amplitudes:
 
 
 def leading_amplitudes(roots: WaveNumbers, ends: Ends) -> Amplitudes:
-    """c1..c4 of (2.34): each layer is seen at its own end alone."""
+    """c1..c4 of (2.34), in which each layer enters the conditions at its own end alone."""
     R_A, Rbar_A, _, _ = reflection(ends[0], roots)
     Rbar_B = reflection(ends[1], roots).Rbar_B
     arriving = R_A * jnp.exp(1j * roots.r1)

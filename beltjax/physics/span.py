@@ -8,7 +8,8 @@ Dimensionless as in (3.42): x and w are scaled by the span's own length, and
 
 The span equation eps^2 w''''/lam^2 = Q w'' has w'' = kap_s S(1-x) + kap_e S(x) with
 S(x) = sinh(kx)/sinh(k). Its integrals are even functions of k, hence smooth functions of
-z = k^2 through Q = 0, and of u as EI -> 0; each is computed in the variable that is good there.
+z = k^2 through Q = 0, and of u as EI -> 0; each is computed in the variable that is accurate
+there.
 """
 
 from typing import NamedTuple
@@ -37,7 +38,7 @@ class Layers(NamedTuple):
 def layer_width(eps: Real, lam: Real, Q: Real) -> tuple[Real, Real]:
     """(u, z) = (1/k, k^2) of a span: z where it is small (inf elsewhere), and u where it is not.
 
-    Finite, with finite derivatives, for eps = 0 and for Q = 0.
+    u is finite for eps = 0 and for Q = 0, and so are the derivatives of both.
     """
     stiff = (eps / lam) ** 2
     thick = _SMALL * stiff >= Q

@@ -28,6 +28,9 @@ Scalar = Float[Array, ""]
 Spans = Float[Array, " spans"]
 Belts = Float[Array, " belts"]
 Coordinates = Float[Array, " coordinates"]
+Index = int | Int[Array, ""]
+# Tensions, residual, whether a span is slack, whether the search converged, and its steps.
+FoundTensions = tuple[Belts, Scalar, Bool[Array, ""], Bool[Array, ""], Int[Array, ""]]
 
 
 class SteadyModel(NamedTuple):
@@ -54,7 +57,7 @@ class SteadyModel(NamedTuple):
 
 
 class SteadySolution(NamedTuple):
-    """Tension of each belt and coordinates, with what each span needs to draw itself."""
+    """Tension of each belt and coordinates, with what the spans' shapes and the verdict need."""
 
     T: Belts
     q: Coordinates
@@ -71,7 +74,7 @@ class SteadySolution(NamedTuple):
 
 
 class Settled(NamedTuple):
-    """The bodies for given tensions."""
+    """Positions of the bodies for given tensions."""
 
     q: Coordinates
     held: Coordinates
@@ -96,12 +99,12 @@ def geometric(model: SteadyModel) -> Float[Array, "spans coordinates coordinates
 
 
 def stiffness(Q: Spans, model: SteadyModel) -> Float[Array, "coordinates coordinates"]:
-    """A: of the springs and of the belt under effective tensions Q."""
+    """A, the stiffness of the springs and of the belt under effective tensions Q."""
     return model.K + jnp.sum(Q[:, None, None] * geometric(model), axis=0)
 
 
 def settled(T: Belts, model: SteadyModel) -> Settled:
-    """Coordinates at which springs, belt and stops are in balance (M7): linear but for stops."""
+    """Coordinates at which springs, belt and stops balance (M7); they are linear but for stops."""
     m = model
     of_span = spread(T, m)
     ends = (m.kap_e - m.kap_s) * m.eps**2 / m.lam
@@ -109,8 +112,14 @@ def settled(T: Belts, model: SteadyModel) -> Settled:
     return box_minimum(stiffness(m.P - m.c2 + of_span, m), load, m.movable, m.lo, m.hi)
 
 
-def box_minimum(A: Array, load: Coordinates, movable, lo, hi) -> Settled:
-    """Least q.A.q/2 - load.q with lo <= q <= hi, where `movable`; elsewhere q = 0.
+def box_minimum(
+    A: Float[Array, "coordinates coordinates"],
+    load: Coordinates,
+    movable: Coordinates,
+    lo: Coordinates,
+    hi: Coordinates,
+) -> Settled:
+    """Minimizer of q.A.q/2 - load.q with lo <= q <= hi, where `movable`; elsewhere q = 0.
 
     Which bounds hold is found by the primal-dual active set method, whose rounds are those of
     Newton's method on the complementarity conditions; the last solve alone is differentiated.
@@ -118,14 +127,16 @@ def box_minimum(A: Array, load: Coordinates, movable, lo, hi) -> Settled:
     count = len(load)
     below, above = jnp.zeros(count, bool), jnp.zeros(count, bool)
 
-    def solved(below, above) -> tuple[Coordinates, Definite]:
+    def solved(
+        below: Bool[Array, " coordinates"], above: Bool[Array, " coordinates"]
+    ) -> tuple[Coordinates, Definite]:
         at = jnp.where(below, lo, jnp.where(above, hi, 0.0))
         moves = movable * (1.0 - below) * (1.0 - above)
         found = definite_solve(A, load - A @ at, moves)
         return at + found.solution, found
 
     if count == 1:
-        # One body stops where it would go beyond.
+        # A single body is at a stop if and only if it would pass that stop when free.
         free = definite_solve(A, load, movable).solution
         below, above = (movable > 0) & (free < lo), (movable > 0) & (free > hi)
     for _ in range(0 if count < 2 else 2 * count):
@@ -143,7 +154,7 @@ def box_minimum(A: Array, load: Coordinates, movable, lo, hi) -> Settled:
 
 
 def belt_length_residual(T: Belts, model: SteadyModel) -> Belts:
-    """(M8): the belts' stretch by tension, less what slopes and bodies take up."""
+    """Residual of (M8): the belts' stretch by tension, less what slopes and bodies take up."""
     return _residual_and_settled(T, model)[0]
 
 
@@ -156,7 +167,7 @@ def _residual_and_settled(T: Belts, model: SteadyModel) -> tuple[Belts, Settled]
     return m.give * T - sums(m.S @ q + bent(m.H, q) + wavy, m), found
 
 
-def bent(H: Array, q: Coordinates) -> Spans:
+def bent(H: Float[Array, "spans coordinates coordinates"], q: Coordinates) -> Spans:
     """q.H.q/2 of each span."""
     return jnp.sum(H * q[:, None] * q, axis=(1, 2)) / 2
 
@@ -164,9 +175,9 @@ def bent(H: Array, q: Coordinates) -> Spans:
 def exact(model: SteadyModel) -> SteadySolution:
     """The steady state from one scalar equation per belt, with the spans in closed form.
 
-    R(T) has a slope of at least `give` where the spans are tight and A is positive definite, an
-    interval that T = c^2 is in: (M9). So one value of R brackets the root. If R is positive
-    already where the slackest span has Q = 0, no state has all its spans tight: `slack`.
+    R(T) has a slope of at least `give` where the spans are tight and A is positive definite; the
+    interval of such T contains T = c^2 (M9). So one value of R brackets the root. If R is positive
+    already where the slackest span has Q = 0, no state has all its spans tight: `slack` is set.
     """
     fixed = jax.lax.stop_gradient(model)
     unstable = ~_rests(fixed)
@@ -203,13 +214,14 @@ def _rests(model: SteadyModel) -> Bool[Array, ""]:
     return definite_solve(stiffness(model.P, model), none, model.movable).definite
 
 
-def _one_belt(fixed: SteadyModel):
+def _one_belt(fixed: SteadyModel) -> FoundTensions:
+    """Search for the tension of a single belt."""
     lowest = jnp.max(fixed.c2 - fixed.P)
     # Not at Q = 0 itself, where a string (eps = 0) has no shape.
     floor = lowest + 1e-12 * (1.0 + jnp.abs(lowest))
     at_rest = jnp.max(fixed.c2)  # there Q = P
 
-    def residual(T):
+    def residual(T: Scalar) -> Scalar:
         value, at = _residual_and_settled(T[None], fixed)
         # Where A is not definite the root lies towards the tension at which it is.
         beyond = jnp.where(at_rest > T, -jnp.inf, jnp.inf)
@@ -222,7 +234,8 @@ def _one_belt(fixed: SteadyModel):
     return search.root[None], search.residual, slack, search.converged, search.steps
 
 
-def _several_belts(fixed: SteadyModel):
+def _several_belts(fixed: SteadyModel) -> FoundTensions:
+    """Search for the tensions of several belts, which the bodies couple."""
     speed2 = jnp.max(fixed.belts * fixed.flux, axis=1)
     guess = effectiveness(fixed) @ speed2
     largest = 0.5 + jnp.abs(speed2)
@@ -236,15 +249,15 @@ def _several_belts(fixed: SteadyModel):
 
 
 def string(model: SteadyModel) -> SteadySolution:
-    """T0 and q0 of the perturbation (3.60)-(3.92): the belt as a string. T1 = q1 = 0."""
+    """T0 and q0 of the perturbation (3.60)-(3.92), in which the belt is a string; T1 = q1 = 0."""
     return exact(model._replace(eps=jnp.zeros_like(model.eps)))
 
 
 def linear(model: SteadyModel) -> SteadySolution:
     """The linear model (3.57)-(3.59): Q = P - c^2 and no stretch by slopes.
 
-    Printed in the source to show that it is not good enough, and here for the same purpose.
-    Stops are not counted.
+    The source prints it to show that it is not accurate enough, and it serves the same purpose
+    here. It ignores stops.
     """
     slack = jnp.min(model.P - model.c2) <= 0
     m = without_load(model, slack)
@@ -291,7 +304,7 @@ def effectiveness(
     """Tensioner effectiveness eta = dT/d(m c^2) of the strings at rest (M10).
 
     With N_bc = D_b.A^-1.D_c it is (give + N)^-1 N, whose entry [b, c] says what the speed of belt
-    c does to belt b; of one belt N/(give + N), the source's (3.95) with k_s/r_t corrected.
+    c does to belt b. For one belt it is N/(give + N), the source's (3.95) with k_s/r_t corrected.
     """
     m = model
     movable = m.movable if movable is None else movable
@@ -309,20 +322,20 @@ def effectiveness(
     return jnp.stack(columns, axis=1)
 
 
-def deflection(model: SteadyModel, q: Coordinates, Q: Spans, i, x: Array) -> Array:
+def deflection(model: SteadyModel, q: Coordinates, Q: Spans, i: Index, x: Array) -> Array:
     """w_i at x in [0, 1], both over the span's own length."""
     u, z = span.layer_width(model.eps[i], model.lam[i], Q[i])
     bent = model.kap_s[i] * span.bump(1 - x, u, z) + model.kap_e[i] * span.bump(x, u, z)
     return line(model, q, i, x) + bent
 
 
-def line(model: SteadyModel, q: Coordinates, i, x: Array) -> Array:
+def line(model: SteadyModel, q: Coordinates, i: Index, x: Array) -> Array:
     """The straight line between the moved ends of span i."""
     return jnp.sum(model.W0[i] * q) + jnp.sum(model.a[i] * q) * x
 
 
-def leading_deflection(model: SteadyModel, q: Coordinates, Q: Spans, i, x: Array) -> Array:
-    """The composite expansion of the perturbation: line, plus layers of one-sided exponentials."""
+def leading_deflection(model: SteadyModel, q: Coordinates, Q: Spans, i: Index, x: Array) -> Array:
+    """The composite expansion of the perturbation: a line and layers of one-sided exponentials."""
     u = model.eps[i] / (model.lam[i] * jnp.sqrt(Q[i]))
     kap_s, kap_e = model.kap_s[i], model.kap_e[i]
     k = 1.0 / jnp.maximum(u, 1e-300)
@@ -332,9 +345,9 @@ def leading_deflection(model: SteadyModel, q: Coordinates, Q: Spans, i, x: Array
 
 
 def without_load(model: SteadyModel, where: Bool[Array, ""]) -> SteadyModel:
-    """`model`, with nothing bending or moving the belt `where` that flag is set.
+    """`model`, in which nothing bends or moves the belt `where` that flag is set.
 
-    Its steady state is T = q = 0, whose values and derivatives are finite: a placeholder
+    Its steady state is T = q = 0, whose values and derivatives are finite: it is a placeholder
     that cannot disturb the other lanes of a batch.
     """
     nothing = model._replace(

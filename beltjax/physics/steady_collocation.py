@@ -11,8 +11,8 @@ linear but I, and triangular: (m, mu) is a two-point problem, and v, w and I fol
 Gauss formula as quadratures. The collocation equations are those of the whole system; this is
 their elimination, span by span, so that the cost is linear in the number of spans.
 
-The closed form gives where the search begins and whether there is a state, and no number: that is
-what makes it a check on `physics.steady`.
+The closed form only gives where the search begins and whether there is a state. No number of the
+result depends on it, so that this is an independent check of `physics.steady`.
 """
 
 from typing import NamedTuple
@@ -29,6 +29,7 @@ from beltjax.numerics.small_matrices import identity, inverse, matvec, mix
 from beltjax.physics.steady import (
     Belts,
     Coordinates,
+    Index,
     Settled,
     SteadyModel,
     SteadySolution,
@@ -50,7 +51,7 @@ _MESH_STEPS = 8  # of Newton's method for the nodes, which need not be exact
 
 
 class Shapes(NamedTuple):
-    """Spans of bodies that have not moved, at the nodes and at the stages.
+    """Shapes of the spans at the nodes and at the stages, for bodies that have not moved.
 
     Moved bodies add a.q to v.
     """
@@ -67,8 +68,8 @@ class Shapes(NamedTuple):
 def layer_mesh(u: Spans, intervals: int, stages: int) -> Mesh:
     """Nodes for layers e^{-x/u} at both ends, as dense as |layer^(s+1)|^(1/(s+1)) over a floor.
 
-    In the layer's variable t = x/((s+1) u) a node's share is a t + 1 - e^{-t}, a concave function:
-    Newton's method climbs to its inverse from below.
+    In the layer's variable t = x/((s+1) u) a node's share is a t + 1 - e^{-t}. This function is
+    concave, so that Newton's method climbs to its inverse from below.
     """
     half = (intervals + 1) // 2
     middle = 0.5 / ((stages + 1) * u)[:, None]
@@ -120,24 +121,27 @@ def shapes(model: SteadyModel, Q: Spans, mesh: Mesh, scheme: Gauss) -> Shapes:
     v = _accumulate(h * mix(b, M))
     V = v[:, :-1] + h * mix(scheme.inner, M)
     w = _accumulate(h * mix(b, V))
-    # Turned about its start until both ends are on the line that the arm sets.
+    # Each span is turned about its start until both ends lie on the line that the bodies set.
     turn = w[:, -1:]
     return Shapes(m, mu, v - turn, w - turn * mesh, M, V - turn, h)
 
 
 def _accumulate(steps: Float[Array, "spans N"]) -> Float[Array, "spans N+1"]:
+    """Sums of the steps up to each node, from zero."""
     return jnp.pad(jnp.cumsum(steps, axis=1), ((0, 0), (1, 0)))
 
 
-def _chained(transfer: Float[Array, "2 2 spans N"], kap_s: Spans, kap_e: Spans):
+def _chained(
+    transfer: Float[Array, "2 2 spans N"], kap_s: Spans, kap_e: Spans
+) -> Float[Array, "2 spans N+1"]:
     """Node values (m, mu) that the transfer matrices link, with m given at both ends.
 
-    The spans are the lanes of one pass along their intervals.
+    One pass along the intervals serves all spans at once.
     """
     spans, N = transfer.shape[2:]
     size = 2 * spans * N
 
-    def left(flat):
+    def left(flat: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
         y = flat.reshape(2, spans, N + 1)
         links = y[:, :, 1:] - matvec(transfer, y[:, :, :-1])
         return jnp.concatenate([links.reshape(-1), y[0, :, 0], y[0, :, -1]])
@@ -145,14 +149,14 @@ def _chained(transfer: Float[Array, "2 2 spans N"], kap_s: Spans, kap_e: Spans):
     A = jnp.moveaxis(-transfer, -1, 0)
     links = Links(A, jnp.broadcast_to(identity(2, A[0]), A.shape), jnp.zeros((N, 2, 0, spans)))
     outer, merges = jax.lax.stop_gradient(merge_links(links))
-    # What is left of a span is two equations in (m_0, mu_0, m_N, mu_N).
+    # The elimination leaves two equations per span in (m_0, mu_0, m_N, mu_N).
     unknown = jnp.stack([outer.A[:, 1], outer.B[:, 1]], axis=1)
     cofactors = jnp.stack(
         [jnp.stack([unknown[1, 1], -unknown[0, 1]]), jnp.stack([-unknown[1, 0], unknown[0, 0]])]
     )
     ends = cofactors / (unknown[0, 0] * unknown[1, 1] - unknown[0, 1] * unknown[1, 0])
 
-    def solved(right):
+    def solved(right: Float[Array, " unknowns"]) -> Float[Array, " unknowns"]:
         g = jnp.moveaxis(right[:size].reshape(2, spans, N), -1, 0)
         m_first, m_last = right[size:].reshape(2, spans)
         g, tops = carry_forward(merges, g)
@@ -173,7 +177,7 @@ def _chained(transfer: Float[Array, "2 2 spans N"], kap_s: Spans, kap_e: Spans):
 
 
 class Joined(NamedTuple):
-    """All spans under given tensions, and what they leave of the equations that join them."""
+    """All spans under given tensions, and the residuals of the equations that join them."""
 
     residual: Belts  # (3.41) of each belt
     settled: Settled
@@ -202,24 +206,24 @@ def collocated(
 ) -> SteadySolution:
     """The steady state of the collocation equations, with an estimate of their error.
 
-    As `exact`: below the lowest tension no state has all its spans tight, and is `slack`.
-    `residual` is what the same equations with a stage more leave of (3.41); a state for which
-    that is above `tol` (1 + T) is `unresolved`.
+    As in `exact`, `slack` says that no state has all its spans tight. `residual` is the residual
+    of (3.41) by the same equations with the stages of `finer`; a state for which that is above
+    `tol` (1 + T) is `unresolved`.
     """
-    # A string has no layers, and no equation of fourth order: it needs the closed form's limit.
+    # A string has no layers and no equation of fourth order: only the closed form has that limit.
     stiff = jnp.all(model.eps > 0)
     model = without_load(_stiffened(model), ~stiff)
     fixed = jax.lax.stop_gradient(model)
     closed = exact(fixed)  # where the search for the root of these equations begins
     lowest = jnp.max(fixed.c2 - fixed.P - spread(closed.T, fixed))
-    # A span close to Q = 0 still has a shape, but no mesh of these needs it closer.
+    # A span still has a shape close to Q = 0, but these meshes are not made for smaller Q.
     tight = closed.converged & ~closed.slack & (lowest < -1e-9)
     safe = without_load(model, ~tight)
     fixed = jax.lax.stop_gradient(safe)
     guess = jnp.where(tight, closed.T, 0.0)
     mesh = mesh_for(fixed, fixed.P - fixed.c2 + spread(guess, fixed), intervals, scheme.stages)
 
-    def residual(T, model):
+    def residual(T: Belts, model: SteadyModel) -> Belts:
         return joined(T, model, mesh, scheme).residual / model.give
 
     largest = 0.1 + jnp.abs(guess)
@@ -247,13 +251,14 @@ def collocated(
 
 
 def _stiffened(model: SteadyModel) -> SteadyModel:
+    """`model`, with eps = 1 in place of 0, for which the equations are singular."""
     return model._replace(eps=jnp.where(model.eps > 0, model.eps, 1.0))
 
 
 def deflection(
-    model: SteadyModel, q: Coordinates, Q: Spans, i, x: Array, scheme: Gauss, intervals: int
-):
-    """w_i at x in [0, 1]: the collocation polynomial of w, whose slopes are the stages' v."""
+    model: SteadyModel, q: Coordinates, Q: Spans, i: Index, x: Array, scheme: Gauss, intervals: int
+) -> Array:
+    """w_i at x in [0, 1] by the collocation polynomial of w, whose slopes are the stages' v."""
     model = _stiffened(model)
     mesh = mesh_for(model, Q, intervals, scheme.stages)
     found = shapes(model, Q, mesh, scheme)

@@ -1,8 +1,8 @@
-"""The string limit of contact, EI = 0, by itself: straight spans, wraps by geometry, one unknown.
+"""The string limit of contact, EI = 0: straight spans, wraps by geometry, one unknown.
 
-A route to the same numbers as `physics.contact_search` that shares no span and no search with it,
-for centers that do not move. G. Gerbert (1999) and L. Kong (2003), section 5.6.1; in the letters
-of `physics.contact`, C = P.
+It gives the same numbers as `physics.contact_search` and shares no span and no search with it, for
+centers that do not move. The sources are G. Gerbert (1999) and L. Kong (2003), section 5.6.1; the
+letters are those of `physics.contact`, with C = P.
 """
 
 from typing import NamedTuple
@@ -37,8 +37,8 @@ def critical_speed(tension: Scalar, EA: Scalar, m0: Scalar) -> Scalar:
 def string_drive(model: ContactModel, tension: Scalar, g: Scalar, maximum: bool) -> StringDrive:
     """The running string whose tension at rest is `tension`; g = G V_ref.
 
-    With `maximum`, of two pulleys alone, under the largest torque: the tensions are in the ratio
-    e^{mu wrap} of the pulley that slips first, whatever their level.
+    With `maximum`, which holds for two pulleys only, it is under the largest torque: the tensions
+    are in the ratio e^{mu wrap} of the pulley that slips first, whatever their level.
     """
     L, wrap = _geometry(model)
     R, EA = jnp.abs(model.rho), model.EA
@@ -47,11 +47,11 @@ def string_drive(model: ContactModel, tension: Scalar, g: Scalar, maximum: bool)
     offsets = jnp.cumsum(model.pull)
     offsets = offsets - jnp.min(offsets)
 
-    def spans(level):
+    def spans(level: Scalar) -> Pulleys:
         return level * jnp.where(offsets > 0, ratio, 1.0) if maximum else level + offsets
 
-    def excess(level):
-        # Unstretched length, which a tighter belt has less of.
+    def excess(level: Scalar) -> Scalar:
+        # The unstretched length decreases as the level of tension rises.
         P = spans(level)
         high, low = jnp.maximum(P, jnp.roll(P, 1)), jnp.minimum(P, jnp.roll(P, 1))
         slipping = jnp.log(high / low * (EA + low) / (EA + high)) / (model.mu * EA)

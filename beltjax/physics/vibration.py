@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
 from beltjax.numerics.bases import AbstractBasis, Products
@@ -76,24 +77,28 @@ class Matrices(NamedTuple):
 
 
 def geometric_stiffness(m: VibrationModel) -> Float[Array, "coordinates coordinates"]:
-    """By which the belt's tension holds the bodies, springs left out."""
+    """Stiffness by which the belt's tension holds the bodies, without the springs."""
     turned = m.lam[:, None, None] * m.a[:, :, None] * m.a[:, None, :]
     return jnp.sum(m.Q[:, None, None] * (turned + m.H), axis=0)
 
 
 def energy(
-    moved: Motion, rate: Motion, slopes: Float[Array, "spans points"], weights, model
+    moved: Motion,
+    rate: Motion,
+    slopes: Float[Array, "spans points"],
+    weights: Float[Array, "spans points"],
+    model: VibrationModel,
 ) -> Scalar:
-    """Lagrangian T0 + T1 - (V - T2) of the drive, up to terms of first order.
+    """Lagrangian T0 + T1 - (V - T2) of the drive, without terms of first order.
 
     docs/theory/vibration.md, (V3). `slopes` is w*_x at the points of the quadrature rule with
-    these `weights` [spans points]. Its second derivatives with respect to a motion and its rate
-    are K, G and M. What is linear in the motion vanishes at a steady state and is left out: the
-    end moments and the torques.
+    these `weights`. Its second derivatives with respect to a motion and its rate are K, G and M.
+    Terms that are linear in the motion vanish at a steady state and are left out: the end moments
+    and the torques.
     """
     m = model
 
-    def over_span(f):
+    def over_span(f: Float[Array, "spans points"]) -> Spans:
         return jnp.sum(weights * f, axis=-1)
 
     strain = m.turns @ moved.theta + m.pull @ moved.q
@@ -126,10 +131,19 @@ def assembled(
     weight, drag = m.mu * m.lam**3, m.tau * m.s * m.mu * m.lam**2
     kept_of, count = len(kept), len(m.movable)
 
-    def whole(local, lifting, of_bodies, of_rotors, sign=1.0) -> Float[Array, "size size"]:
-        """Spans' matrices and rotations on the diagonal, the bodies' columns beside the spans."""
-        # Masked and joined, not scattered into place: in reverse, a frequency's slopes would
-        # gather every entry one by one.
+    def whole(
+        local: Float[Array, "spans n n"],
+        lifting: Float[Array, "spans n coordinates"],
+        of_bodies: Float[Array, "coordinates coordinates"],
+        of_rotors: Float[Array, "kept kept"],
+        sign: float = 1.0,
+    ) -> Float[Array, "size size"]:
+        """Matrix with the spans, rotors and bodies on its diagonal and `lifting` beside the spans.
+
+        Below the diagonal `lifting` has the factor `sign`.
+        """
+        # The blocks are masked and joined, not scattered into place: the reverse derivative of a
+        # frequency would gather every entry one by one.
         spans, n, _ = local.shape
         belt = (jnp.eye(spans)[:, None, :, None] * local[:, :, None, :]).reshape(spans * n, -1)
         beside = jnp.concatenate(
@@ -172,27 +186,38 @@ def forms_of_spans(
     left: Complex[Array, "count size"],
     right: Complex[Array, "count size"],
 ) -> Forms:
-    """Forms of M, G and K as `assembled`, span by span: no matrix is made, in reverse neither.
+    """Forms of M, G and K of `assembled`, summed span by span without making the matrices.
 
-    What slopes of frequencies need: they depend on a few numbers of each span.
+    The reverse derivative makes no matrix either. The slopes of frequencies need these forms,
+    which depend on a few numbers of each span.
     """
     m, of = model, basis.products()
     spans, n = len(m.lam), basis.size
 
-    def parts(z):
+    def parts(
+        z: Complex[Array, "count size"],
+    ) -> tuple[
+        Complex[Array, "count spans n"],
+        Complex[Array, "count kept"],
+        Complex[Array, "count coordinates"],
+    ]:
         field, rest = z[:, : spans * n].reshape(-1, spans, n), z[:, spans * n :]
         return field, rest[:, : len(kept)], rest[:, len(kept) :] * m.movable
 
     (y, y_turn, y_arm), (v, v_turn, v_arm) = parts(jnp.conj(left)), parts(right)
-    # What each span feels of the bodies: lift at its start, and slope.
+    # The bodies act on each span by the lift at its start and by a slope.
     y_start, v_start = y_arm @ m.W0.T, v_arm @ m.W0.T
     y_slope, v_slope = y_arm @ m.a.T, v_arm @ m.a.T
 
-    def within(products) -> Complex[Array, "count spans"]:
+    def within(products: Float[np.ndarray, "n n"]) -> Complex[Array, "count spans"]:
         """Form of two fields in the same span."""
         return jnp.sum(y * (v @ products.T), axis=-1)
 
-    def between(matrix, first, second) -> Complex[Array, " count"]:
+    def between(
+        matrix: Float[Array, "m m"],
+        first: Complex[Array, "count m"],
+        second: Complex[Array, "count m"],
+    ) -> Complex[Array, " count"]:
         """Form of rotations, or of coordinates."""
         return jnp.sum((first @ matrix) * second, axis=-1)
 

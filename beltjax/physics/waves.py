@@ -25,6 +25,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
 Real = Float[Array, "..."]
+FourReals = tuple[Real, Real, Real, Real]
 
 # Newton's method starts at most 1.7 times above the root of a convex function (two million random
 # coefficients); six steps bring it to 4e-14, the seventh to rounding.
@@ -55,10 +56,10 @@ def wave_numbers(
 ) -> WaveNumbers:
     """Roots of stiffness r^4 + tension r^2 + 2 transport omega r - inertia omega^2 = 0.
 
-    For real omega > 0, tension > 0, inertia > 0, stiffness >= 0; to rounding. As the stiffness
-    vanishes Im r3 grows without bound: below a stiffness of 1e-40 it is held, without derivative
-    there, at the value for 1e-40, so that e^{i r3 x} is 1 at x = 0 and 0 elsewhere. What stays
-    smooth is in `waves`. Kong (2003), eq. (2.4).
+    They hold for real omega > 0, tension > 0, inertia > 0 and stiffness >= 0, and are accurate to
+    rounding. As the stiffness vanishes Im r3 grows without bound: below a stiffness of 1e-40 it is
+    held, without derivative there, at the value for 1e-40, so that e^{i r3 x} is 1 at x = 0 and 0
+    elsewhere. `waves` has the parts that stay smooth. Kong (2003), eq. (2.4).
     """
     r1, r2, drift, steepness = waves(stiffness, tension, transport, inertia, omega)
     held = jnp.where(stiffness > _LEAST_STIFFNESS, stiffness, _LEAST_STIFFNESS)
@@ -80,13 +81,13 @@ def waves(stiffness: Real, tension: Real, transport: Real, inertia: Real, omega:
     """The roots as `Waves`, each part to rounding and differentiable, also at stiffness 0.
 
     The tension may also be zero or negative (a beam in compression) while the waves are those of
-    c^2 + Q m > 0; there r1, or for c < 0 r2, is the smallest of its sign, and a negative
+    c^2 + Q m > 0. There r1 (for c < 0, r2) is the smallest root of its sign, and a negative
     `steepness` says that r3 and r4 are real.
     """
     B, Q, c, m, omega = jnp.broadcast_arrays(
         *(jnp.asarray(x, dtype=float) for x in (stiffness, tension, transport, inertia, omega))
     )
-    # Both in one call, which halves what is to be compiled.
+    # Both roots come from one call, which halves the code to compile.
     push = jnp.stack([c * omega, -c * omega])
     r1, opposite = _travelling(B, Q, push, m * omega**2)
     r2 = -opposite
@@ -123,7 +124,7 @@ def _travelling(B: Real, Q: Real, b: Real, M: Real) -> Real:
 
 
 @_travelling.defjvp
-def _travelling_jvp(primals, tangents):
+def _travelling_jvp(primals: FourReals, tangents: FourReals) -> tuple[Real, Real]:
     B, Q, b, M = primals
     dB, dQ, db, dM = tangents
     s = _travelling(B, Q, b, M)

@@ -53,20 +53,32 @@ def explore(
 ) -> "xarray.Dataset":
     """Quantities and the `modes` lowest frequencies of every design, in a Zarr store at `store`.
 
-    `designs` is a `Grid` or `Samples` of numbers by their keys in the drive file; quantities go by
-    the names that studies use. The store is written batch by batch, `batch` designs at a time.
-    Called again with the same arguments it goes on where it was stopped, whenever and however
-    that was, to the same bits; a store of other arguments is refused. What was damaged since is
-    computed anew, with a `DamageWarning`.
+    Called again with the same arguments, it continues where it was stopped, whenever and however
+    that was, and reaches the same bits; a store of other arguments is refused. Batches that were
+    damaged since are computed anew, with a `DamageWarning`. A failed design has its code in
+    `result` and nan for the values that could not be found. Pulleys that overlap are not a failure:
+    include the quantity "clearance". docs/exploration.md.
 
-    Runs in this process, on all its devices; on `workers` processes of this machine, or on the
-    Dask cluster whose `scheduler` has that address. `advance(stage, done, total)` is called after
-    every batch. Returns the store, opened: variables along "design", SI units in the attributes.
-    A failed design has its code in `result` and nan for what could not be found. Pulleys that
-    overlap are no failure: include "clearance".
+    Args:
+        drive: the nominal drive.
+        point: its speeds and torques.
+        designs: a `Grid` or `Samples` of numbers by their keys in the drive file.
+        quantities: names of quantities, as studies use them.
+        store: path of the store.
+        modes: number of natural frequencies per design; 0 for none.
+        basis: functions for the deflections of each span, `Legendre(24)` unless given.
+        batch: number of designs that are computed and written at a time.
+        workers: number of processes of this machine; without it and `scheduler`, this process
+            computes, on all its devices.
+        scheduler: address of the scheduler of a Dask cluster.
+        advance: function that is called as `advance(stage, done, total)` after every batch.
 
-    Raises `ValueError` for arguments that cannot be used and, as `FileError`, for a store that
-    cannot be used or written.
+    Returns:
+        The store, opened, with variables along "design" and SI units in their attributes.
+
+    Raises:
+        ValueError: arguments cannot be used.
+        FileError: the store cannot be used or written; it is a `ValueError`, too.
     """
     question = Question(drive, point, designs.names, tuple(quantities), modes, basis)
     if modes and not has_inertias(drive):

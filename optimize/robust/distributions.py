@@ -123,8 +123,16 @@ def linear_moments(
 ) -> LinearMoments:
     """Mean and standard deviation of `function` by its exact slopes at the nominal numbers.
 
-    Right for functions that are linear over the tolerances; what curvature adds, a sample shows.
-    Differentiable. Numbers scatter independently.
+    They are exact for functions that are linear over the tolerances; a sample shows the effect of
+    curvature. Numbers scatter independently. The result can be differentiated.
+
+    Args:
+        function: function of the numbers, of shape [numbers], which returns an array.
+        nominal: the nominal numbers.
+        tolerances: `Normal` or `Uniform` of each number, in the same order.
+
+    Returns:
+        Mean and deviation, of the shape of the function's value, and the part of each number.
     """
     steps = jnp.diag(standard_deviations(tolerances))
     mean, push = jax.linearize(function, nominal)
@@ -147,11 +155,22 @@ def sobol_indices(
     count: int = 1024,
     seed: int = 0,
 ) -> list[Indices]:
-    """First-order and total indices (Saltelli's estimators, by SALib) of every output.
+    """First-order and total Sobol indices (Saltelli's estimators, by SALib) of every output.
 
-    `evaluate` takes [points, numbers] and returns [points, outputs]; it gets
-    `count` (numbers + 2) points, `count` best a power of two. Raises `ValueError` where SALib is
-    missing or an output is not finite, for more than 2^24 points and for a seed below 0.
+    Args:
+        evaluate: function that takes [points, numbers] and returns [points, outputs]. It is called
+            with `count` (numbers + 2) points.
+        nominal: the nominal numbers.
+        tolerances: `Normal` or `Uniform` by the numbers' names, in the order of `nominal`.
+        count: size of the sample's parts, which should be a power of two.
+        seed: of the sample, 0 or more.
+
+    Returns:
+        The indices of each output, of shape [numbers], with their confidence.
+
+    Raises:
+        ValueError: SALib is missing, an output is not finite, there are more than 2^24 points, or
+            the seed is below 0.
     """
     require_sample("count", count * (len(tolerances) + 2), len(tolerances), seed)
     try:

@@ -76,9 +76,25 @@ def robustness(
 ) -> Robustness:
     """Mean, standard deviation and quantiles of quantities under independent tolerances.
 
-    By quasi-Monte Carlo (scrambled Sobol) and, beside it, by exact slopes. `tolerances` holds
-    `Normal` or `Uniform` by the numbers' keys in the drive file. Raises `ValueError` for names
-    that are not there, for more than 2^24 samples and for a nominal drive that does not run.
+    They come from quasi-Monte Carlo (scrambled Sobol points), and the standard deviation beside it
+    from exact slopes. docs/robust.md.
+
+    Args:
+        drive: the nominal drive.
+        point: its speeds and torques.
+        quantities: names of quantities, as studies use them.
+        tolerances: `Normal` or `Uniform` by the numbers' keys in the drive file.
+        samples: number of drives, at least 2, which should be a power of two.
+        seed: of the sample, 0 or more.
+        quantile: upper quantile, between 0.5 and 1; the lower one is 1 less that.
+
+    Returns:
+        The scatter of each quantity [SI], and the number of drives that do not run.
+
+    Raises:
+        ValueError: there is no such quantity or number, the drive lacks what a quantity needs, an
+            argument is out of range, the nominal drive does not run, or fewer than two drives of
+            the sample run.
     """
     if not 0.5 < quantile < 1:
         raise ValueError(f"quantile: found {quantile:g}; give more than 0.5 and less than 1.")
@@ -115,8 +131,23 @@ def sensitivity_indices(
 ) -> dict[str, Indices]:
     """Sobol's indices of each quantity: which tolerance causes how much of its variance.
 
-    Evaluates `count` (tolerances + 2) drives; `count` should be a power of two. Raises `ValueError`
-    where SALib is missing, a name is not there, or a drive within the tolerances does not run.
+    It evaluates `count` (tolerances + 2) drives. docs/robust.md.
+
+    Args:
+        drive: the nominal drive.
+        point: its speeds and torques.
+        quantities: names of quantities, as studies use them.
+        tolerances: `Normal` or `Uniform` by the numbers' keys in the drive file.
+        count: size of the sample's parts, which should be a power of two.
+        seed: of the sample, 0 or more.
+
+    Returns:
+        The indices of each quantity, of shape [tolerances], with their confidence.
+
+    Raises:
+        ValueError: SALib is missing, there is no such quantity or number, the drive lacks what a
+            quantity needs, an argument is out of range, or a drive within the tolerances does not
+            run.
     """
     question = _question(drive, point, quantities, tolerances)
     nominal = np.asarray(_nominal(question))
@@ -139,10 +170,25 @@ def robust_value(
 ) -> RobustValue:
     """A quantity that counts its own scatter, differentiable by every number of the drive.
 
-    `measure` is `MeanPlus(3)` unless given. With `samples` it is taken of a fixed quasi-random
-    sample; without, `MeanPlus` goes by exact slopes. Works under `jit`, `grad` and `vmap`; where
-    `failed` is not 0, some drives within the tolerances do not run (without a sample: the drive
-    itself). Raises `ValueError` for names that are not there and a quantile without samples.
+    It works under `jit`, `grad` and `vmap`. Where `failed` is not 0, some drives within the
+    tolerances do not run (without a sample: the drive itself). docs/robust.md.
+
+    Args:
+        drive: the nominal drive.
+        point: its speeds and torques.
+        name: name of the quantity, as studies use it.
+        tolerances: `Normal` or `Uniform` by the numbers' keys in the drive file.
+        measure: `MeanPlus(3)` unless given, or `WorstQuantile`.
+        samples: number of drives of a fixed quasi-random sample, from which the measure is taken;
+            with 0, `MeanPlus` uses exact slopes.
+        seed: of the sample, 0 or more.
+
+    Returns:
+        The value to minimize and its parts, in the quantity's SI unit.
+
+    Raises:
+        ValueError: there is no such quantity or number, the drive lacks what the quantity needs,
+            tolerances are missing, or a quantile is given without samples.
     """
     measure = MeanPlus() if measure is None else measure
     question = _question(drive, point, (name,), tolerances)

@@ -130,9 +130,17 @@ def smooth_quantile(
 
     Each step of the sample's distribution is smoothed to a logistic function whose width is the
     sample's standard deviation over `sharpness`: as that grows, the quantile itself is approached
-    and its slope rests on fewer points. The smoothing carries the quantile outwards, for a normal
-    distribution by about 1.6 z / sharpness^2 of the standard deviation, z its distance from the
-    mean in the same measure.
+    and its slope rests on fewer points. The smoothing moves the quantile outwards, for a normal
+    distribution by about 1.6 z / sharpness^2 standard deviations, where z is its distance from the
+    mean in standard deviations.
+
+    Args:
+        values: the sample, of shape [points].
+        quantile: between 0 and 1.
+        sharpness: standard deviation of the sample over the width of a smoothed step.
+
+    Returns:
+        The quantile, a number.
     """
     deviation = norm(values - jnp.mean(values)) / jnp.sqrt(len(values))
     size = jnp.maximum(deviation, 1e-12 * jnp.max(jnp.abs(values)))

@@ -1,4 +1,4 @@
-"""The registry of optimizers: what `method` in a study names.
+"""The registry of optimizers, whose names `method` in a study gives.
 
 An optimizer is a class under `optimizer`, made without arguments. Most override `minimize` of
 `AbstractLocalOptimizer`, which takes one start after the other; one that takes all starts at once
@@ -24,9 +24,14 @@ class AbstractOptimizer(abc.ABC):
     def search(self, study: "Study", begin: "Starts", tools: "SearchTools") -> "SearchResult":
         """Search from every start.
 
-        Arguments: the study; its starts in the unit box, with the problem's scales; and the tools:
-        the problem's values and derivatives at a design, a function to report progress, the
-        deadline and the checkpoint. Returns one outcome for each start, in their order.
+        Args:
+            study: the study.
+            begin: its starts in the unit box, with the problem's scales.
+            tools: the problem's values and derivatives at a design, a function to report progress,
+                the deadline and the checkpoint.
+
+        Returns:
+            One outcome for each start, in their order.
         """
 
 
@@ -38,7 +43,15 @@ _OPTIMIZERS: dict[str, AbstractOptimizer] = {}
 def optimizer(name: str) -> Callable[[type[Optimizer]], type[Optimizer]]:
     """Register a class of optimizers under the name that `method` in a study gives.
 
-    Raises `ValueError` where there is such a name already.
+    Args:
+        name: the name.
+
+    Returns:
+        A decorator that registers the class, makes one optimizer of it without arguments, and
+        returns the class unchanged.
+
+    Raises:
+        ValueError: the name is empty or taken.
     """
     if not name or name in _OPTIMIZERS:
         raise ValueError(f"optimizer: found the name {name!r}; give one that is not taken.")
@@ -51,12 +64,26 @@ def optimizer(name: str) -> Callable[[type[Optimizer]], type[Optimizer]]:
 
 
 def optimizer_names() -> tuple[str, ...]:
-    """The names of all registered optimizers, the default one first."""
+    """The names of all registered optimizers.
+
+    Returns:
+        The names, with the default optimizer first.
+    """
     return tuple(sorted(_OPTIMIZERS, key=lambda name: name != DEFAULT))
 
 
 def find_optimizer(name: str) -> AbstractOptimizer:
-    """The optimizer of that name; raises `KeyError` with a text that lists what there is."""
+    """The optimizer of that name.
+
+    Args:
+        name: the name that `method` in a study gives.
+
+    Returns:
+        The registered optimizer.
+
+    Raises:
+        KeyError: there is no optimizer of that name; the text lists those there are.
+    """
     if name not in _OPTIMIZERS:
         known = ", ".join(map(repr, optimizer_names()))
         raise KeyError(f"method {name!r} is not one of {known}")
