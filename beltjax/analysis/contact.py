@@ -402,7 +402,7 @@ def _state(
     scales: Scales,
     model: physics.ContactModel,
     solved: search.Solved,
-    in_si: tuple[Float[Array, " coordinates"], Float[Array, " coordinates"], Layout],
+    in_si: tuple[Float[Array, " coordinates"], Layout],
     found: Bool[Array, ""],
     result: RESULTS,
 ) -> ContactState:
