@@ -60,6 +60,8 @@ from .numerics.bvp.continuation import continue_bvp as continue_bvp
 from .numerics.bvp.continuation import follow_branch as follow_branch
 from .numerics.bvp.solve import BVPSolution as BVPSolution
 from .numerics.bvp.solve import solve_bvp as solve_bvp
+from .physics.belt_law import AbstractBeltLaw as AbstractBeltLaw
+from .physics.belt_law import belt_law as belt_law
 from .results import RESULTS as RESULTS
 from .results import AnalysisError as AnalysisError
 

@@ -1,14 +1,14 @@
 """Contact mechanics: where the belt touches, adheres and slips (chapter 5)."""
 
 import dataclasses
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from beltjax.analysis.installed import free_positions, held, held_by_tensions
+from beltjax.analysis.installed import free_positions, held, held_by_tensions, installed_by_tension
 from beltjax.analysis.reference import LARGEST_STRAIN, resting
 from beltjax.compiling.batched_loops import in_lanes_of
 from beltjax.compiling.quick import boundary_jit
@@ -18,6 +18,7 @@ from beltjax.drive.contact_groups import ContactGroups, TravelOrder, contact_gro
 from beltjax.drive.groups import Scales
 from beltjax.drive.installation import AdjustedToMark, AdjustedToTension, BeltGiven, TensionGiven
 from beltjax.drive.layout import Layout, layout
+from beltjax.drive.loops import Loops
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.placeholders import harmless, usable
 from beltjax.drive.readable import Readable
@@ -25,6 +26,7 @@ from beltjax.drive.system import Drive
 from beltjax.numerics.derivative_rules import differentiated_once
 from beltjax.physics import contact as physics
 from beltjax.physics import contact_search as search
+from beltjax.physics.belt_law import AbstractBeltLaw, find_belt_law
 from beltjax.results import (
     RESULTS,
     first_failure,
@@ -33,8 +35,7 @@ from beltjax.results import (
     succeeded,
 )
 
-Law = Literal["kong", "hyperelastic"]
-LAWS: dict[str, float] = {"kong": 0.0, "hyperelastic": 1.0}
+Law = str | AbstractBeltLaw
 _SLIPPING = 1e-9  # adhesion below minus this is gross slip [rad]
 # Where a search ends without a belt, at the last step of load (1/64) that had one:
 _BARE = 0.05  # of the tension at rest: a least P at a contact below it was about to be lost
@@ -97,11 +98,13 @@ def contact_state(
     (C25).
     `installation.tension` is the mean over the spans of the tension at half their length, at
     rest without torques; with `tension_of="string"` it is the tension of the same belt as a
-    string. `law="hyperelastic"` replaces T = EA e by EA e = T + EI kappa^2/2, under which power
-    in equals power out and friction.
+    string. `law` is a belt law or the name of one: `"kong"` is T = EA e, `"hyperelastic"` is
+    EA e = T + EI kappa^2/2, under which power in equals power out and friction; `@bj.belt_law`
+    adds others.
 
-    A state that was found but is not physical (`gross_slip`, `wrap_vanished`, `arm_at_stop`, or an
-    arm turned to where `layout` fails) keeps its values and derivatives with `throw=False`.
+    A body may stand at a stop. A state that was found but is not physical (`gross_slip`,
+    `wrap_vanished`, or an arm turned to where `layout` fails) keeps its values and derivatives
+    with `throw=False`.
     `belt_too_stiff`, `contact_pressure_lost`, `contact_not_found`, and the results of the drawn
     layout and of the numbers themselves leave finite placeholders with zero derivatives. Second
     derivatives are NaN where the tension is given.
@@ -109,7 +112,7 @@ def contact_state(
     Args:
         drive: a drive with one belt; `one_belt` extracts a belt of several.
         point: speeds and torques.
-        law: the belt law.
+        law: the belt law, or its name.
         throw: raise where the result is a failure.
 
     Returns:
@@ -159,15 +162,14 @@ def maximum_moment(
 def _contact(
     drive: Drive, point: OperatingPoint, law: Law, maximum: bool, throw: bool
 ) -> ContactState:
-    if law not in LAWS:
-        raise ValueError(f"law {law!r} is not one of {', '.join(map(repr, LAWS))}.")
+    question = asked(law, maximum)
     if len(drive.belts) > 1:
         raise ValueError("Contact is found for one belt: extract each with `bj.one_belt`.")
     bare = without_friction(drive, point, maximum)
     if bare is not None:
         raise ValueError(f"Pulley {bare!r} has torque; contact needs its friction.")
     # The law and the question are data, so that one compiled program answers them all.
-    found = contact_solution(*canonical(drive, point), *asked(law, maximum))
+    found = contact_solution(*canonical(drive, point), *question)
     return raise_unless_successful(found, found.result, throw)
 
 
@@ -189,14 +191,17 @@ def without_friction(drive: Drive, point: OperatingPoint, maximum: bool) -> str 
     return None
 
 
-def asked(law: Law, maximum: bool) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """The law and the question as `contact_solution` takes them."""
-    return as_real(LAWS[law]), as_real(maximum)
+def asked(law: Law, maximum: bool) -> tuple[AbstractBeltLaw, Float[Array, ""]]:
+    """The law and the question as `contact_solution` takes them.
+
+    Raises `ValueError` for the name of a law that there is not.
+    """
+    return find_belt_law(law), as_real(maximum)
 
 
 @boundary_jit
 def contact_solution(
-    drive: Drive, point: OperatingPoint, law: Float[Array, ""], maximum: Float[Array, ""]
+    drive: Drive, point: OperatingPoint, law: AbstractBeltLaw, maximum: Float[Array, ""]
 ) -> ContactState:
     """`contact_state` or `maximum_moment`, whose failures are in its result alone."""
     good = usable(drive, point)
@@ -212,7 +217,7 @@ def contact_solution(
     rested, solved, installed = _solutions(drive, groups, scales, model, start, maximum)
     loop = solved.loop
     travel = jax.lax.stop_gradient(point.travel)
-    strain = (jnp.max(loop.C) + loop.g) / groups.stretch
+    strain = law.stretch(jnp.max(loop.C), jnp.zeros(()), loop.g, groups.stretch) - 1
     bare = jnp.exp(solved.unknown.level) < _BARE
     loaded = model.loaded > 0
     narrow = (maximum > 0) & jnp.any(loaded & (loop.wrap < _NARROW))
@@ -233,27 +238,15 @@ def contact_solution(
         (strain > LARGEST_STRAIN, RESULTS.belt_overstretched),
         (jnp.any(loaded & (loop.wrap <= 0)), RESULTS.wrap_vanished),
         (jnp.any(loaded & (loop.wrap - loop.slip < -_SLIPPING)), RESULTS.gross_slip),
-        (_past_stops(start.at_stop, solved, model), RESULTS.arm_at_stop),
     )
     found = succeeded(missing)
-    in_si = installed * groups.units, start.at_stop, drawn
+    in_si = installed * groups.units, drawn
     state = _state(drive, groups, travel, scales, model, solved, in_si, found, result)
     if not isinstance(drive.installation, BeltGiven):
         # The belt at rest and the running belt are found in one scan, in which JAX (0.10 to 0.12)
         # forgets custom rules when it differentiates forward over reverse.
         state = differentiated_once(state)
     return frozen_where_failed(state, missing)
-
-
-def _past_stops(
-    at_stop: Float[Array, " coordinates"], solved: search.Solved, model: physics.ContactModel
-) -> Bool[Array, ""]:
-    """Whether a free body is beyond a stop, or a stop would have to pull the one it holds."""
-    q, stops = solved.unknown.q, model.bodies.stops
-    left = model.K @ q - solved.held.relaxed - solved.loop.push  # force of the stop
-    beyond = (at_stop == 0) & ((q < stops[:, 0]) | (q > stops[:, 1]))
-    pulled = ((at_stop < 0) & (left < 0)) | ((at_stop > 0) & (left > 0))
-    return jnp.any((beyond | pulled) & (model.bodies.locked == 0))
 
 
 class _Start(NamedTuple):
@@ -263,8 +256,7 @@ class _Start(NamedTuple):
     coordinates: Float[Array, " coordinates"]  # from the drawn positions [rad] or [m]
     length: Float[Array, ""]  # of the unstretched belt [m]; 1 where it follows from the tension
     relaxed: Float[Array, " coordinates"]  # force of the springs at the drawn positions
-    at: Float[Array, " coordinates"]  # of the string at rest without torques
-    at_stop: Float[Array, " coordinates"]
+    installed: Float[Array, " coordinates"]  # of the string at rest without torques
     result: RESULTS  # of the string
 
 
@@ -281,19 +273,20 @@ def _with_belt_of_the_string(drive: Drive, drawn: Layout) -> Drive:
 
 def _installed(drive: Drive, point: OperatingPoint, drawn: Layout) -> _Start:
     rule, still = drive.installation, jnp.zeros(len(drive.tensioners))
-    string = resting(drive, point)
-    rested = succeeded(string.result)
-    at = jnp.where(rested, string.coordinates, 0.0)
-    bare = jnp.where(rested, string.installed, 0.0)
-    stop = jnp.where(rested, string.at_stop, 0.0)
     fixed = jax.lax.stop_gradient
     if isinstance(rule, TensionGiven | AdjustedToTension):
+        place = installed_by_tension(drive, drawn, Loops(drive.loop_sizes))
+        at = fixed(jnp.where(place.converged, place.coordinates, 0.0))
         length = rule.belt_length if isinstance(rule, AdjustedToTension) else jnp.ones(())
-        by_tension = rule.tension, *fixed((bare,)), length, still, *fixed((bare, stop))
-        return _Start(*by_tension, RESULTS.successful)
+        return _Start(rule.tension, at, length, still, at, RESULTS.successful)
+    string = resting(drive, point)
+    rested = succeeded(string.result)
+    at, bare = (
+        fixed(jnp.where(rested, places, 0.0)) for places in (string.coordinates, string.installed)
+    )
     springs_of = held(drive, rule.belt_length[None], free_positions(drive, drawn, rule))
-    tension, at, bare, stop = fixed((string.base_tension, at, bare, stop))
-    return _Start(tension, at, rule.belt_length, springs_of.relaxed, bare, stop, string.result)
+    tension = fixed(string.base_tension)
+    return _Start(tension, at, rule.belt_length, springs_of.relaxed, bare, string.result)
 
 
 def _torques(
@@ -309,7 +302,7 @@ def _torques(
     return jnp.where(none, pull * drive.radii, taken), jnp.array(True)
 
 
-def contact_model(groups: ContactGroups, law: Float[Array, ""]) -> physics.ContactModel:
+def contact_model(groups: ContactGroups, law: AbstractBeltLaw) -> physics.ContactModel:
     """The groups in the letters of the source."""
     motion = physics.BeltMotion(
         jnp.ones(()), groups.belt_speed, groups.driver_speed, groups.mass_flow
@@ -349,22 +342,18 @@ def _solutions(
     fixed = jax.lax.stop_gradient
     widest = jnp.max(jnp.abs(jnp.cumsum(model.pull)))
     half = jnp.log(0.5 / jnp.where(widest > 0, widest, 1.0))
-    stops = model.bodies.stops
-    at_stop = jnp.where(
-        start.at_stop < 0, stops[:, 0], jnp.where(start.at_stop > 0, stops[:, 1], 0)
-    )
-    bolted = fixed(jnp.maximum(model.bodies.locked, jnp.abs(start.at_stop)))
-    holding = search.HeldBelt(
-        start.length / scales.length, start.relaxed * units / scales.energy, at_stop
-    )
+    bolted = fixed(model.bodies.locked)
+    relaxed = start.relaxed * units / scales.energy
+    # Without a search at rest bolted bodies stand as drawn.
+    holding = search.HeldBelt(start.length / scales.length, relaxed, none)
     begin = search.likely(one, start.coordinates / units, jnp.where(maximum > 0, half, 0.0), model)
     unmarked = jnp.zeros_like(model.K)
     running = search.Task(zero, zero, maximum, one, holding, bolted, none, unmarked)
     if isinstance(rule, BeltGiven):
-        return jnp.array(True), search.solve(model, running, begin, begin), start.at / units
+        return jnp.array(True), search.solve(model, running, begin, begin), start.installed / units
     still = search.at_rest(model)
-    unbent = search.likely(one, start.at / units, zero, still)
-    rest = running._replace(maximum=zero, fixed=model.bodies.locked, held=holding._replace(at=none))
+    unbent = search.likely(one, start.installed / units, zero, still)
+    rest = running._replace(maximum=zero)
     if isinstance(rule, AdjustedToMark):
         adjusted, marked = map(fixed, (rule.adjusted, rule.marked))
         rest = rest._replace(
@@ -388,9 +377,6 @@ def _solutions(
         # Where torques are scaled to the largest, the belt without torques is no origin.
         origin = jax.tree.map(lambda a, b: jnp.where(task.maximum > 0, a, b), start, origin)
         first = (jnp.sum(task.marks**2) > 0) | (task.resting > 0)
-        # Bodies at a stop stand there; bolted ones where they were found before.
-        at = jnp.where(model.bodies.locked > 0, kept.at, task.held.at)
-        kept = search.HeldBelt(kept.L0, kept.relaxed, at)
         kept = jax.tree.map(lambda a, b: jnp.where(first, a, b), task.held, kept)
         solved = search.solve(model, task._replace(held=kept), start, origin)
         return (solved.held, jax.lax.stop_gradient(solved.unknown)), solved
@@ -416,7 +402,7 @@ def _state(
     scales: Scales,
     model: physics.ContactModel,
     solved: search.Solved,
-    in_si: tuple[Float[Array, " coordinates"], Float[Array, " coordinates"], Layout],
+    in_si: tuple[Float[Array, " coordinates"], Layout],
     found: Bool[Array, ""],
     result: RESULTS,
 ) -> ContactState:
@@ -431,7 +417,7 @@ def _state(
     surface = physics.speed(loop.P_in, model.EI * loop.kap**2 / 2, loop, model)
     taken = factor * model.pull
     radii = drive.radii
-    installed, at_stop, drawn = in_si
+    installed, drawn = in_si
     single = len(drive.tensioners) == 1
     coordinates = solved.unknown.q * groups.units
     stiff = jnp.where(model.K > 0, model.K, 1.0)
@@ -455,7 +441,7 @@ def _state(
         torque_factor=factor,
         coordinates=coordinates,
         installed=installed,
-        at_stop=at_stop,
+        at_stop=search.at_stop(solved, model),
         arm_angle=drawn.arm_angle + coordinates[0] if single else None,
         free_angle=drawn.arm_angle + solved.held.relaxed[0] / stiff[0, 0] if single else None,
         order=order,

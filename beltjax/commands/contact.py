@@ -1,10 +1,10 @@
 """Declares `beltjax contact`; its work is in `reports/contact.py`."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from beltjax.commands.registry import command, figure_option, json_option
+from beltjax.commands.registry import command, figure_option, json_option, si_option
 from beltjax.commands.running import Advance, answer
 
 if TYPE_CHECKING:
@@ -23,10 +23,10 @@ def _document() -> type["Document"]:
 @click.option("--maximum", is_flag=True, help="Raise all torques until a pulley slips fully.")
 @click.option(
     "--law",
-    type=click.Choice(["kong", "hyperelastic"]),
+    metavar="NAME",
     default="kong",
     show_default=True,
-    help="Take T = EA e, or the law that conserves energy.",
+    help="Take this belt law; 'hyperelastic' conserves energy.",
 )
 @click.option("--belt", metavar="NAME", help="Take this one of several belts.")
 @json_option
@@ -34,21 +34,23 @@ def _document() -> type["Document"]:
 @click.option(
     "--compare", metavar="FILE.png", help="Draw the spans beside those of fixed contact points."
 )
+@si_option
 def contact(
     drive_file: str,
     maximum: bool,
-    law: Any,
+    law: str,
     belt: str | None,
     json_path: str | None,
     figure: str | None,
     compare: str | None,
+    si: bool,
 ) -> None:
     """Where the belt touches, adheres and slips; tensions, speeds, efficiency."""
 
     def work(advance: Advance) -> "Report":
         from beltjax.commands.reports.contact import contact_report
 
-        return contact_report(drive_file, maximum, law, belt, figure, compare)
+        return contact_report(drive_file, maximum, law, belt, (figure, compare), si)
 
     answer(
         work, read=drive_file, json=json_path, pictures=(figure, compare), busy="solving contact"

@@ -10,6 +10,7 @@ from beltjax.commands.registry import (
     quantities_option,
     quantity_option,
     seed_option,
+    si_option,
 )
 from beltjax.commands.running import Advance, answer
 
@@ -55,8 +56,14 @@ def _document() -> type["Document"]:
 )
 @click.option("--scheduler", metavar="ADDRESS", help="Use the Dask cluster at tcp://HOST:PORT.")
 @json_option
+@si_option
 def explore(
-    drive_file: str, quantity: tuple[str, ...], json_path: str | None, store: str, **given: Any
+    drive_file: str,
+    quantity: tuple[str, ...],
+    json_path: str | None,
+    store: str,
+    si: bool,
+    **given: Any,
 ) -> None:
     """Quantities and modes of many designs over any numbers of the drive file.
 
@@ -70,6 +77,7 @@ def explore(
             drive_file,
             ExploreOptions(quantities=quantity or ("coupling",), store=store, **given),
             advance,
+            si,
         )
 
     answer(work, read=drive_file, json=json_path, resumed=store)

@@ -4,7 +4,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from beltjax.commands.registry import command, json_option, optimizers_option, quantities_option
+from beltjax.commands.registry import (
+    command,
+    json_option,
+    optimizers_option,
+    quantities_option,
+    si_option,
+)
 from beltjax.commands.running import Advance, answer
 
 if TYPE_CHECKING:
@@ -40,6 +46,7 @@ def _document() -> type["Document"]:
     "--checkpoint", metavar="FILE", help="Keep the search's state in a file, and go on from it."
 )
 @click.option("--warm", metavar="FILE.json", help="Also start from the design of an earlier run.")
+@si_option
 def optimize(study_file: str, json_path: str | None, figure: str | None, **given: Any) -> None:
     """The design that minimizes an objective under constraints."""
     outputs = tuple(given[name] for name in ("drive", "page", "checkpoint"))

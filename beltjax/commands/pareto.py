@@ -4,7 +4,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from beltjax.commands.registry import command, figure_option, json_option, quantities_option
+from beltjax.commands.registry import (
+    command,
+    figure_option,
+    json_option,
+    quantities_option,
+    si_option,
+)
 from beltjax.commands.running import Advance, answer
 
 if TYPE_CHECKING:
@@ -26,12 +32,15 @@ def _document() -> type["Document"]:
 @quantities_option
 @json_option
 @figure_option
-def pareto(study_file: str, points: int | None, json_path: str | None, figure: str | None) -> None:
+@si_option
+def pareto(
+    study_file: str, points: int | None, json_path: str | None, figure: str | None, si: bool
+) -> None:
     """Designs of which none is better than another in all of a study's [pareto] objectives."""
 
     def work(advance: Advance) -> "Report":
         from beltjax.commands.reports.pareto import pareto_report
 
-        return pareto_report(study_file, points, figure, advance)
+        return pareto_report(study_file, points, figure, advance, si)
 
     answer(work, read=study_file, json=json_path, pictures=(figure,))

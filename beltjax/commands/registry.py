@@ -36,7 +36,10 @@ _REGISTERED: dict[str, RegisteredCommand] = {}
 def _run_first(context: click.Context, parameter: click.Parameter, paths: tuple[str, ...]) -> None:
     """Run Python files, which register what they define."""
     for path in paths:
+        from beltjax.compiling.kept_programs import keep_no_programs
+
         prepare_jax()
+        keep_no_programs()
         try:
             runpy.run_path(path)
         except Exception as error:
@@ -77,6 +80,7 @@ def _listing_option(
 json_option = click.option(
     "--json", "json_path", metavar="FILE", help="Write one JSON object; '-' for standard output."
 )
+si_option = click.option("--si", is_flag=True, help="Show SI units, not those of the file.")
 figure_option = click.option("--figure", metavar="FILE.png", help="Write a picture.")
 quantity_option = click.option(
     "--quantity",
@@ -104,7 +108,7 @@ optimizers_option = _listing_option("--methods", _list_optimizers, "optimizers")
     is_eager=True,
     expose_value=False,
     callback=_run_first,
-    help="Run a Python file first that registers quantities, optimizers or commands.",
+    help="Run a Python file first that registers quantities, optimizers, belt laws or commands.",
 )
 def group() -> None:
     """Analysis and design of serpentine belt drives."""

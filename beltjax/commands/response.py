@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from beltjax.commands.registry import command, figure_option, json_option
+from beltjax.commands.registry import command, figure_option, json_option, si_option
 from beltjax.commands.running import Advance, answer
 
 if TYPE_CHECKING:
@@ -45,6 +45,7 @@ def _document() -> type["Document"]:
 )
 @json_option
 @figure_option
+@si_option
 def response(
     drive_file: str,
     crank: str | None,
@@ -54,6 +55,7 @@ def response(
     modal_damping: float | None,
     json_path: str | None,
     figure: str | None,
+    si: bool,
 ) -> None:
     """Forced vibration over the driver's speed, by crank motion or accessory torque."""
 
@@ -65,6 +67,7 @@ def response(
             ResponseOptions(crank, torque, order, speeds, modal_damping),
             figure,
             advance,
+            si,
         )
 
     answer(work, read=drive_file, json=json_path, pictures=(figure,))

@@ -10,6 +10,7 @@ from beltjax.commands.registry import (
     quantities_option,
     quantity_option,
     seed_option,
+    si_option,
 )
 from beltjax.commands.running import Advance, answer
 
@@ -52,7 +53,10 @@ def _document() -> type["Document"]:
     "--indices", is_flag=True, help="Find shares of the variance from a sample, by SALib."
 )
 @json_option
-def robust(drive_file: str, quantity: tuple[str, ...], json_path: str | None, **given: Any) -> None:
+@si_option
+def robust(
+    drive_file: str, quantity: tuple[str, ...], json_path: str | None, si: bool, **given: Any
+) -> None:
     """What tolerances make of a drive: means, deviations, quantiles, and which one matters.
 
     For example --within "pulley.idler.center.x=0.5 mm" --deviation installation.tension=15.
@@ -61,8 +65,7 @@ def robust(drive_file: str, quantity: tuple[str, ...], json_path: str | None, **
     def work(advance: Advance) -> "Report":
         from beltjax.commands.reports.robust import RobustOptions, robust_report
 
-        return robust_report(
-            drive_file, RobustOptions(quantities=quantity or ("coupling",), **given)
-        )
+        options = RobustOptions(quantities=quantity or ("coupling",), **given)
+        return robust_report(drive_file, options, si)
 
     answer(work, read=drive_file, json=json_path, busy="scattering the drive")

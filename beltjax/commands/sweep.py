@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from beltjax.commands.registry import command, figure_option, json_option
+from beltjax.commands.registry import command, figure_option, json_option, si_option
 from beltjax.commands.running import Advance, answer
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ def _document() -> type["Document"]:
 @json_option
 @click.option("--netcdf", metavar="FILE.nc", help="Write every row, with units.")
 @figure_option
+@si_option
 def sweep(
     drive_file: str,
     over: str,
@@ -36,6 +37,7 @@ def sweep(
     json_path: str | None,
     netcdf: str | None,
     figure: str | None,
+    si: bool,
 ) -> None:
     """Gamma and natural frequencies over any number of the drive file, each mode followed.
 
@@ -45,6 +47,6 @@ def sweep(
     def work(advance: Advance) -> "Report":
         from beltjax.commands.reports.sweep import sweep_report
 
-        return sweep_report(drive_file, over, count, orders, netcdf, figure, advance)
+        return sweep_report(drive_file, over, count, orders, (netcdf, figure), advance, si)
 
     answer(work, read=drive_file, json=json_path, written=(netcdf,), pictures=(figure,))

@@ -34,6 +34,14 @@ from beltjax.files.writing import made_private, write_whole
 _KEPT = "jax_persistent_cache_min_compile_time_secs"
 
 
+_keeping = [True]
+
+
+def keep_no_programs() -> None:
+    """Compile anew from now on: code has been added that a program's name does not depend on."""
+    _keeping[0] = False
+
+
 def run_kept(function: Callable, *args: Any) -> Any:
     """`function(*args)` for arguments of arrays and static parts, its program kept for next time.
 
@@ -42,7 +50,8 @@ def run_kept(function: Callable, *args: Any) -> Any:
     """
     folder = jax.config.values["jax_compilation_cache_dir"]
     # Reading a kept program runs what is written in it.
-    if folder is None or jax.default_backend() != "cpu" or not made_private(folder):
+    kept_here = _keeping[0] and jax.default_backend() == "cpu"
+    if folder is None or not kept_here or not made_private(folder):
         return quickly_compiled(function)(*args)
     call = flat_call(function, *args)
     path = Path(folder) / f"{_key(function, args)}.program"

@@ -23,7 +23,6 @@ from beltjax.drive.layout import turned
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.files.fields import Number, numbers
-from beltjax.files.units import in_unit
 
 TORQUE = "operation.torque."
 SPEEDS = ("operation.belt_speed", "operation.driver_speed")
@@ -294,13 +293,6 @@ def unit_of(drive: Drive, name: str) -> str:
     """
     fact, kind = fact_of(drive, name)
     return fact.unit_for(kind)
-
-
-def in_unit_of_file(drive: Drive, name: str, value: float) -> tuple[float, str]:
-    """A value [SI] of a number of the drive in the unit in which its file gives the number."""
-    key = full_key(drive, name)
-    si, unit = unit_of(drive, key), drive.units.get(key)
-    return (value, si) if unit is None else (in_unit(value, si, unit), unit)
 
 
 def known_keys(drive: Drive) -> set[str]:

@@ -56,6 +56,8 @@ _HINTS = (
     ("kg/m", "kg/m^3", "that is a density; times the belt's cross section it is kg/m"),
     ("kg m^2", "kg", "that is a mass; an inertia is in kg m^2"),
 )
+# The units library, which takes long to load, is left alone where these do.
+_FACTORS = {("m", "mm"): 1e3, ("rad", "deg"): 180 / math.pi, ("rad/s", "rpm"): 30 / math.pi}
 
 
 @functools.cache
@@ -100,6 +102,9 @@ def unit_written(value: Any) -> str:
 
 def in_unit(value: float, si: str, unit: str) -> float:
     """A value in the unit `si` in another unit of its kind, as `unit_written` gives it."""
+    factor = 1.0 if unit == si else _FACTORS.get((si, unit))
+    if factor is not None:
+        return value * factor
     registry = _units()
     named = registry.Unit(_BARE_POWER.sub("^", unit))
     return value * float(registry.Quantity(1.0, si or "dimensionless").to(named).magnitude)

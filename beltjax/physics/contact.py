@@ -7,7 +7,7 @@ In any consistent units:
     C      P + EI kappa^2/2 of each span;   pull   M/R that each pulley takes: C_i - C_{i-1}
     P_in, P_out   P = T - G V on a pulley where the belt arrives and leaves
     g      G V_ref, the momentum flux;   V_ref   speed of the unstretched belt
-    law    0: the source's T = EA e;   1: EA e = T + EI kappa^2/2, which conserves energy
+    law    how the belt stretches: `physics.belt_law`
 
 The belt adheres from where it arrives and slips, over `slip`, up to where it leaves. A pulley
 without torque whose wrap would be negative keeps touching at one point, where the belt is less
@@ -22,6 +22,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from beltjax.numerics.rigid_bodies import Bodies, Coordinates, Placed, placed
+from beltjax.physics.belt_law import AbstractBeltLaw
 from beltjax.physics.elastica import Span, SpanData, separatrix, span_at, span_start
 
 Scalar = Float[Array, ""]
@@ -43,7 +44,7 @@ class ContactModel(NamedTuple):
 
     EI: Scalar
     EA: Scalar
-    law: Scalar
+    law: AbstractBeltLaw
     x: Pulleys  # centers, as drawn
     y: Pulleys
     rho: Pulleys
@@ -109,7 +110,6 @@ def joined(unknown: Unknown, model: ContactModel) -> Loop:
     force_y = spans.F * (across * jnp.sin(spans.phi) + up * jnp.cos(spans.phi)) / d
     there = _placed(unknown.q, model)
     pull_x, pull_y = force_x - _preceding(force_x), force_y - _preceding(force_y)
-    J = spans.J + mod.law * (spans.L / (mod.EA + C) - spans.J)
     reaction = mod.housed * mod.pull * mod.rho * jnp.exp(unknown.scale)
     push = pull_x @ there.by_x + pull_y @ there.by_y
     return Loop(
@@ -127,8 +127,8 @@ def joined(unknown: Unknown, model: ContactModel) -> Loop:
         P_out=P_out,
         g=g,
         V_ref=V_ref,
-        unstretched=(mod.EA - g) * J,
-        on_pulleys=_on_pulleys(touching - slip, P_in, P_out, mod.law * bent, g, model),
+        unstretched=jax.vmap(mod.law.span_length, (0, 0, None))(spans, data, g),
+        on_pulleys=_on_pulleys(touching - slip, P_in, P_out, bent, g, model),
         push=push + mod.bodies.rotary * (reaction @ mod.bodies.carried),
     )
 
@@ -176,24 +176,21 @@ def motion(P_in: Pulleys, bent: Pulleys, model: ContactModel) -> tuple[Scalar, S
     if c is not None:
         return c, m0 * c**2
     assert v is not None  # one of the two speeds is given
-    stiff = model.EA + model.driver @ (P_in + model.law * bent)  # (EA - g) V/V_ref
-    if G is not None:
-        V_ref = v * model.EA / (stiff + G * v)
-        return V_ref, G * V_ref
-    root = jnp.sqrt(stiff**2 + 4 * m0 * v**2 * model.EA)
-    V_ref = 2 * v * model.EA / (stiff + root)
-    return V_ref, m0 * V_ref**2
+    none = jnp.zeros_like(v)
+    flux = (m0, none) if G is None else (none, G)
+    on_driver = model.driver @ P_in, model.driver @ bent
+    V_ref = model.law.reference_speed(v, flux, *on_driver, model.EA)
+    return V_ref, (flux[0] * V_ref + flux[1]) * V_ref
 
 
 def tension(P: Array, bent: Array, loop: Loop, model: ContactModel) -> Array:
     """T = P + G V where `bent` is EI kappa^2/2; rows are spans."""
-    stored = model.law * bent
-    return model.EA * (P + stored + loop.g) / (model.EA - loop.g) - stored
+    return P + loop.g * model.law.stretch(P, bent, loop.g, model.EA)
 
 
 def speed(P: Array, bent: Array, loop: Loop, model: ContactModel) -> Array:
     """V of the stretched belt."""
-    return loop.V_ref * (model.EA + P + model.law * bent) / (model.EA - loop.g)
+    return loop.V_ref * model.law.stretch(P, bent, loop.g, model.EA)
 
 
 def mass_flow(loop: Loop, model: ContactModel) -> Scalar:
@@ -207,7 +204,8 @@ def efficiency(loop: Loop, model: ContactModel) -> Scalar:
     It is a ratio of moments weighted by the belt's stretches, so that it exists for a belt that
     stands still.
     """
-    stretch = model.EA + loop.P_in + model.law * model.EI * loop.kap**2 / 2
+    bent = model.EI * loop.kap**2 / 2
+    stretch = model.law.stretch(loop.P_in, bent, loop.g, model.EA)
     given = -model.driver @ (model.pull * stretch)
     taken = (1 - model.driver) @ (model.pull * stretch)
     return jnp.where(given == 0, 1.0, taken / jnp.where(given == 0, 1.0, given))
@@ -247,11 +245,11 @@ def _on_pulleys(
     adhesion: Pulleys, P_in: Pulleys, P_out: Pulleys, bent: Pulleys, g: Scalar, model: ContactModel
 ) -> Pulleys:
     """Unstretched lengths of the arcs of adhesion and of slip (5.26)."""
-    R, stiff = jnp.abs(model.rho), model.EA + bent
     high = _positive(jnp.maximum(P_in, P_out))
     low = _positive(jnp.minimum(P_in, P_out))
-    slipping = jnp.log(high / low * (stiff + low) / (stiff + high)) / (model.mu * stiff)
-    return (model.EA - g) * R * (adhesion / (stiff + P_in) + slipping)
+    adhering = adhesion / model.law.stretch(P_in, bent, g, model.EA)
+    slipping = model.law.slip_length(low, high, model.mu, bent, g, model.EA)
+    return jnp.abs(model.rho) * (adhering + slipping)
 
 
 def long_spans(unknown: Unknown, model: ContactModel) -> tuple[Pulleys, Float[Array, "n 2"]]:

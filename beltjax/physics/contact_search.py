@@ -23,7 +23,7 @@ class HeldBelt(NamedTuple):
 
     L0: Scalar  # unstretched length
     relaxed: Coordinates  # the springs push by this less K q
-    at: Coordinates  # where the bodies stand that are bolted or at a stop
+    at: Coordinates  # where the bodies stand that are bolted
 
 
 def at_rest(model: ContactModel) -> ContactModel:
@@ -41,7 +41,7 @@ class Task(NamedTuple):
     maximum: Scalar  # 1: torques scaled until a first pulley slips fully; 0: torques as they are
     tension: Scalar  # mean over the spans of the tension at half the arc length
     held: HeldBelt
-    fixed: Coordinates  # 1 where a body stands at `held.at`
+    bolted: Coordinates  # 1 where a body stands at `held.at`
     adjusted: Coordinates  # 1 where one is moved until the belt has its length, too
     marks: Float[Array, "coordinates coordinates"]  # or until another stands at `held.at`
 
@@ -80,7 +80,7 @@ def solve(model: ContactModel, task: Task, start: Unknown, origin: Unknown) -> S
     resting = task.resting > 0
     relaxed = jnp.where(resting, model.K @ unknown.q - loop.push, task.held.relaxed)
     length = jnp.where(task.by_tension > 0, _length(loop), task.held.L0)
-    held = HeldBelt(length, relaxed, jnp.where(task.fixed > 0, unknown.q, task.held.at))
+    held = HeldBelt(length, relaxed, jnp.where(task.bolted > 0, unknown.q, task.held.at))
     residual = jnp.max(jnp.abs(found.residual))
     return Solved(unknown, loop, held, converged, residual, found.steps, load)
 
@@ -155,18 +155,37 @@ def _bodies(q: Coordinates, loop: Loop, length: Scalar, model: ContactModel, tas
     """Residuals of the bodies' positions.
 
     Installed by a tension, sprung bodies stand as drawn, and floating ones where the belt leaves no
-    push on them together. A bolted one stands where it is, or is moved to fit belt or mark.
+    push on them together. A bolted one stands where it is, or is moved to fit belt or mark. When
+    running each stands where the forces on it balance, or at a stop.
     """
     of = model.bodies
     arm = jnp.sqrt(jnp.maximum(jnp.max(of.carried * _distances(of, model), axis=0), 1e-12))
-    lever = jnp.where(of.rotary > 0, arm, 1.0)
-    size = jnp.mean(loop.C) * lever
-    balance = (loop.push + task.held.relaxed - model.K @ q) / size
+    size = jnp.mean(loop.C) * jnp.where(of.rotary > 0, arm, 1.0)
+    # What the balance would move beyond a stop stands there: zero exactly where a stop's force,
+    # which only pushes, balances the rest.
+    free = _force(q, loop.push, model, task.held) / size
+    balance = jnp.clip(q + free, of.stops[:, 0], of.stops[:, 1]) - q
     apart = q - model.floating * (model.together.T @ (model.first * q))
     drawn = jnp.where(model.first > 0, model.together @ loop.push / size, apart)
     stands = q + task.marks @ q - task.held.at
     found = jnp.where(task.resting > 0, drawn, balance)
-    return jnp.where(task.adjusted > 0, length, jnp.where(task.fixed > 0, stands, found))
+    return jnp.where(task.adjusted > 0, length, jnp.where(task.bolted > 0, stands, found))
+
+
+def _force(q: Coordinates, push: Coordinates, model: ContactModel, held: HeldBelt) -> Coordinates:
+    """Of belt, accessories and springs together on the bodies."""
+    return push + held.relaxed - model.K @ q
+
+
+def at_stop(solved: Solved, model: ContactModel) -> Coordinates:
+    """-1 where a stop holds a body at its least, 1 at its greatest coordinate, else 0."""
+    q, of = solved.unknown.q, model.bodies
+    force = _force(q, solved.loop.push, model, solved.held)
+    near = 1e-9 * (1.0 + jnp.abs(q))
+    below = (q <= of.stops[:, 0] + near) & (force < 0)
+    above = (q >= of.stops[:, 1] - near) & (force > 0)
+    held = jnp.where(below, -1.0, jnp.where(above, 1.0, 0.0))
+    return jnp.where(of.locked > 0, 0.0, held)
 
 
 def _distances(of: Bodies, model: ContactModel) -> Float[Array, "pulleys coordinates"]:

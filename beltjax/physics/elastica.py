@@ -111,7 +111,7 @@ def _told_apart(span: SpanData) -> tuple[Span, Bool[Array, ""], SpanData, Span]:
     entry is the separatrix for them.
     """
     limit, plain = separatrix(span), _harmless(span)
-    long = jax.lax.stop_gradient(LONG * _layer(span) < limit.L)
+    long = jax.lax.stop_gradient(LONG * layer(span) < limit.L)
     # The formulas that are not used must not spoil the derivatives of those that are.
     safe = jax.tree.map(lambda a, b: jnp.where(long, a, b), plain, span)
     safe_limit = jax.tree.map(lambda a, b: jnp.where(long, a, b), separatrix(plain), limit)
@@ -134,7 +134,7 @@ def _harmless(span: SpanData) -> SpanData:
     return SpanData(*(jnp.full_like(span.C, x) for x in (1.0, 1.0, 1e3, 10.0, 1.0, 1.0, 1.0, 1.0)))
 
 
-def _layer(span: SpanData) -> Scalar:
+def layer(span: SpanData) -> Scalar:
     """Ell = sqrt(EI/C), the length of the bent ends; its slope at EI = 0 is taken as 0, not inf."""
     ratio = span.EI / span.C
     bent = ratio > 0
@@ -157,7 +157,7 @@ def _sines(span: SpanData, u_i: Scalar, u_j: Scalar) -> Scalar:
 
 def separatrix(span: SpanData) -> Span:
     """The explicit limit q = 0 of a long span; at EI = 0 it is the straight span of a string."""
-    ell, C = _layer(span), span.C
+    ell, C = layer(span), span.C
     u_i, u_j = (jnp.arcsin(ell * jnp.abs(kap) / 2) for kap in (span.kap_i, span.kap_j))
     sine = _thrust(span, C)
     # A span whose thrust line would have to point backwards is not long: `_bent` finds it.
@@ -252,14 +252,14 @@ def _unmet(phi: Scalar, ends: Ends, parts: Arcs, span: SpanData) -> Pair:
         [
             jnp.sin(phi) - _thrust(span, ends.F),
             # In units of ell the closure changes by about as much as z does.
-            (along - span.d * jnp.cos(phi)) / _layer(span),
+            (along - span.d * jnp.cos(phi)) / layer(span),
         ]
     )
 
 
 def _separation(span: SpanData, limit: Span) -> Scalar:
     """The distance zeta from the separatrix that a long span has, whose `separatrix` is `limit`."""
-    ell = _layer(span)
+    ell = layer(span)
     kap = jnp.minimum(jnp.abs(span.kap_i), jnp.abs(span.kap_j))
     u_star = jnp.arcsin(ell * kap / 2)
     small = 16 * jnp.tan(limit.u_i / 2) * jnp.tan(limit.u_j / 2) / jnp.tan(2 * u_star) / u_star
@@ -349,7 +349,7 @@ def _bent_curvature(span: Span, data: SpanData, s: Array) -> Array:
 
 def _long_curvature(span: Span, data: SpanData, s: Array) -> Array:
     """Curvature of both bent ends: tan(u/2) decays from each like e^{-s/ell}."""
-    ell = _layer(data)
+    ell = layer(data)
     unbent = ell == 0
     ell = jnp.where(unbent, 1.0, ell)
 

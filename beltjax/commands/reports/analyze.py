@@ -35,6 +35,7 @@ from beltjax.commands.reports.documents import (
 )
 from beltjax.commands.reports.report import Report
 from beltjax.commands.reports.tables import largest_changes, number, plain_table
+from beltjax.commands.reports.units import TableUnits
 from beltjax.commands.reports.vibrating import MOST_VIBRATING, require_few_pulleys, require_inertias
 from beltjax.commands.reports.warnings import modes_left_out, steady_warnings, warning_lines
 from beltjax.compiling.kept_programs import run_kept
@@ -144,8 +145,12 @@ class AnalyzeDocument(Document):
     sensitivities: SlopesPart | None
 
 
-def analyze_report(path: str | os.PathLike[str], figure: str | None = None) -> Report:
+def analyze_report(
+    path: str | os.PathLike[str], figure: str | None = None, si: bool = False
+) -> Report:
     """Analyze one drive file, and draw its modes where `figure` names a picture.
+
+    Tables are in the units of the file, or in SI.
 
     Raises `FileError` where the file describes no possible drive.
     """
@@ -167,7 +172,7 @@ def analyze_report(path: str | os.PathLike[str], figure: str | None = None) -> R
     document: dict[str, Any] = analyze_document(drive, point, found) | {"success": not failure}
     if has_inertias(drive) and not few:
         document["warnings"].append(modes_left_out(drive, MOST_VIBRATING))
-    tables = analyze_tables(document, plain_numbers(drive, point))
+    tables = analyze_tables(document, plain_numbers(drive, point), TableUnits(drive, si))
     files: tuple[tuple[str, bytes], ...] = ()
     if figure and found.modes and not failure:
         from beltjax.draw.layouts import mode_shapes, picture_bytes  # slow to load
@@ -291,54 +296,57 @@ def _sensitivities(drive: Drive, found: Sensitivities) -> dict[str, Any]:
     }
 
 
-def analyze_tables(document: dict[str, Any], sizes: dict[str, Any]) -> Group:
+def analyze_tables(document: dict[str, Any], sizes: dict[str, Any], units: TableUnits) -> Group:
     """The tables of `beltjax analyze`, from its JSON document and the numbers of the drive."""
-    parts = [*warning_lines(document), _span_table(document)]
-    parts += [_pulley_table(document), _summary_table(document)]
+    parts = [*warning_lines(document), _span_table(document, units)]
+    parts += [_pulley_table(document, units), _summary_table(document, units)]
     if document["coordinates"]:
-        parts.append(_coordinate_table(document))
+        parts.append(_coordinate_table(document, units))
     parts.append(_model_line(document))
     if document["modes"]:
         parts.append(_mode_table(document["modes"]))
     if document["sensitivities"]:
-        slopes = _gamma_table(document["sensitivities"]["coupling_total"], sizes)
+        slopes = _gamma_table(document["sensitivities"]["coupling_total"], sizes, units)
         parts.append(slopes if slopes.row_count else Text(_gamma_is_zero(sizes)))
     return Group(*parts)
 
 
-def _span_table(document: dict[str, Any]) -> Table:
+def _span_table(document: dict[str, Any], units: TableUnits) -> Table:
     # Both tensions are under the operating torques.
-    headers = "span", "length (mm)", "standing (N)", "running (N)", "coupling Gamma_i"
+    tensions = units.head("standing", "N"), units.head("running", "N")
+    headers = "span", units.head("length", "m"), *tensions, "coupling Gamma_i"
     table = plain_table(escape(document["drive"]), *headers)
     spans, steady = document["layout"]["spans"], document["steady"] or {}
     unknown = [None] * len(spans)
     standing = (document["reference"] or {}).get("tensions", unknown)
     columns = standing, steady.get("tensions", unknown), steady.get("coupling", unknown)
     for span, still, running, gamma in zip(spans, *columns, strict=True):
-        length = number(1e3 * span["length"], 1)
-        tensions = number(still, 1), number(running, 1)
+        length = units.text(span["length"], "m", 1)
+        tensions = units.text(still, "N", 1), units.text(running, "N", 1)
         table.add_row(escape(span["name"]), length, *tensions, number(gamma, 4))
     return table
 
 
-def _pulley_table(document: dict[str, Any]) -> Table:
-    table = plain_table("", "pulley", "wrap (deg)", "rpm", "torque (N m)", "hub load (N)")
+def _pulley_table(document: dict[str, Any], units: TableUnits) -> Table:
+    columns = ("wrap", "rad"), ("speed", "rad/s"), ("torque", "N m"), ("hub load", "N")
+    table = plain_table("", "pulley", *(units.head(*column) for column in columns))
     for row in document["pulleys"]:
         load = None if row["hub_load"] is None else math.hypot(*row["hub_load"])
-        rpm = row["speed"] * 30 / math.pi
-        columns = number(rpm, 0), number(row["torque"], 2), number(load, 0)
-        table.add_row(escape(row["name"]), number(row["wrap_deg"], 1), *columns)
+        wrap = units.text(math.radians(row["wrap_deg"]), "rad", 1)
+        speed = units.text(row["speed"], "rad/s", 0)
+        forces = units.text(row["torque"], "N m", 2), units.text(load, "N", 0)
+        table.add_row(escape(row["name"]), wrap, speed, *forces)
     return table
 
 
-def _coordinate_table(document: dict[str, Any]) -> Table:
+def _coordinate_table(document: dict[str, Any], units: TableUnits) -> Table:
     columns = "installed", "at rest", "running", "", "stop"
     table = plain_table("Tensioners, from the drawn position", "tensioner", *columns)
     for row in document["coordinates"]:
-        factor, unit = (180 / math.pi, "deg") if row["kind"] == "rotary" else (1e3, "mm")
+        unit = "rad" if row["kind"] == "rotary" else "m"
         running = row["at_rest"] + row["change"]
-        places = (number(factor * x, 3) for x in (row["installed"], row["at_rest"], running))
-        table.add_row(escape(row["name"]), *places, unit, row["at_stop"] or "")
+        places = (units.text(x, unit, 3) for x in (row["installed"], row["at_rest"], running))
+        table.add_row(escape(row["name"]), *places, units.name(unit), row["at_stop"] or "")
     return table
 
 
@@ -351,7 +359,7 @@ def _model_line(document: dict[str, Any]) -> Text:
     return Text(f"model: with {', '.join(counted)} ([model] of the drive file)\n")
 
 
-def _summary_table(document: dict[str, Any]) -> Table:
+def _summary_table(document: dict[str, Any], units: TableUnits) -> Table:
     table = plain_table("", "quantity", "value", "unit")
     layout, reference = document["layout"], document["reference"] or {}
     groups, steady = document["groups"] or {}, document["steady"] or {}
@@ -359,19 +367,19 @@ def _summary_table(document: dict[str, Any]) -> Table:
         ("coupling Gamma, all spans", steady.get("coupling_total"), 4, ""),
         ("tensioner effectiveness eta", reference.get("tensioner_effectiveness"), 4, ""),
         ("tension change T", steady.get("tension_change"), 6, "P0"),
-        ("arm's turn, drawn to rest", reference.get("arm_turn"), 6, "rad"),
-        ("arm rotation theta_t, rest to running", steady.get("arm_rotation"), 6, "rad"),
-        ("belt length, unstretched", reference.get("unstretched_length"), 6, "m"),
-        ("path length", layout["path_length"], 6, "m"),
+        ("arm's turn, drawn to rest", reference.get("arm_turn"), 4, "rad"),
+        ("arm rotation theta_t, rest to running", steady.get("arm_rotation"), 4, "rad"),
+        ("belt length, unstretched", reference.get("unstretched_length"), 3, "m"),
+        ("path length", layout["path_length"], 3, "m"),
         ("bending eps", groups.get("bending"), 5, ""),
         ("speed s", groups.get("speed"), 5, ""),
         ("stretch gamma", groups.get("stretch"), 2, ""),
     ]
     for label, value, digits, unit in rows:
-        if isinstance(value, list):  # of several belts
-            table.add_row(label, ", ".join(number(one, digits) for one in value), unit)
-        elif value is not None:
-            table.add_row(label, number(value, digits), unit)
+        if value is not None:
+            values = value if isinstance(value, list) else [value]  # of several belts
+            words = ", ".join(units.text(one, unit, digits) for one in values)
+            table.add_row(label, words, units.name(unit))
     return table
 
 
@@ -384,16 +392,19 @@ def _mode_table(modes: dict[str, Any]) -> Table:
     return table
 
 
-def _gamma_table(slopes: dict[str, Any], sizes: dict[str, Any]) -> Table:
+def _gamma_table(slopes: dict[str, Any], sizes: dict[str, Any], units: TableUnits) -> Table:
     table = plain_table(
-        "What moves Gamma most, per 1 % of each number",
+        "What moves Gamma most, per 1 % of each number, and per unit",
         "number",
         "change of Gamma",
-        "d Gamma/d number (SI)",
+        "d Gamma/d number",
+        "unit",
     )
     parts = (p for name in slopes for p in _components(name, sizes[name], slopes[name]))
     for name, change, slope in largest_changes(parts)[:_LARGEST_SENSITIVITIES]:
-        table.add_row(escape(name), f"{change:+.3e}", f"{slope:+.4g}")
+        one, unit = units.of_number(name.partition("[")[0], 1.0)
+        per = f"1/({unit})" if set(unit) & set(" /*") else f"1/{unit}" if unit else ""
+        table.add_row(escape(name), f"{change:+.3e}", f"{slope / one:+.4g}", per)
     return table
 
 

@@ -1,7 +1,7 @@
 """The work of `beltjax contact`: it turns a drive file into a report."""
 
 import os
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import numpy as np
@@ -9,9 +9,9 @@ from rich.console import Group
 from rich.markup import escape
 from rich.table import Table
 
-from beltjax.analysis.contact import ContactState, Law, asked, contact_solution, without_friction
+from beltjax.analysis.contact import ContactState, asked, contact_solution, without_friction
 from beltjax.analysis.steady import SteadyState, steady_state
-from beltjax.commands.reports.diagnosis import Diagnosis, places_in_words, speed_key, travel_lead
+from beltjax.commands.reports.diagnosis import Diagnosis, speed_key, travel_lead
 from beltjax.commands.reports.documents import (
     Document,
     Maybe,
@@ -21,7 +21,9 @@ from beltjax.commands.reports.documents import (
     plain,
 )
 from beltjax.commands.reports.report import Report
-from beltjax.commands.reports.tables import number, plain_table
+from beltjax.commands.reports.states import STOPS
+from beltjax.commands.reports.tables import plain_table
+from beltjax.commands.reports.units import TableUnits
 from beltjax.compiling.kept_programs import run_kept
 from beltjax.compiling.quick import quickly_compiled
 from beltjax.drive.bodies import single_arm
@@ -84,6 +86,7 @@ class ContactDocument(Document):
     arm_angle: Maybe = meaning("rad; null unless one arm carries one pulley")
     free_angle: Maybe = meaning("rad; likewise")
     coordinates: dict[str, Maybe] = meaning("of each tensioner, from the drawn position: rad, or m")
+    at_stop: dict[str, Literal["least", "greatest"] | None] = meaning("which stop holds each")
     unstretched_speed: Maybe = meaning("m/s, of the unstretched belt")
     mass_flow: Maybe = meaning("kg/s")
     message: str = meaning("why it is not feasible, or empty")
@@ -92,33 +95,36 @@ class ContactDocument(Document):
 def contact_report(
     path: str | os.PathLike[str],
     maximum: bool,
-    law: Law,
+    law: str,
     belt: str | None,
-    figure: str | None,
-    compare: str | None,
+    pictures: tuple[str | None, str | None] = (None, None),
+    si: bool = False,
 ) -> Report:
     """The contact state of one drive file, under its torques or under the largest.
 
-    `figure` is a picture of it; `compare` one of its spans beside those of `steady_state`.
+    `pictures` are one of the state, and one of its spans beside those of `steady_state`. Tables are
+    in the units of the file, or in SI.
 
     Raises `FileError` where the file leaves out what contact needs; a state that is not physical
     is a report with a `failure`.
     """
+    try:
+        question = asked(law, maximum)
+    except ValueError as error:
+        raise FileError("--law", "", str(error).rstrip(".")) from error
     drive, point = _the_belt(*load_drive(path), belt, path)
     bare = without_friction(drive, point, maximum)
     if bare is not None:
         message = "is missing; this pulley has torque, which friction holds"
         raise FileError(path, f"pulley.{bare}.friction", message)
-    state = jax.device_get(
-        run_kept(contact_solution, *canonical(drive, point), *asked(law, maximum))
-    )
+    state = jax.device_get(run_kept(contact_solution, *canonical(drive, point), *question))
     why = diagnose_contact(drive, point, state)
     if why and why.impossible:
         raise FileError(path, why.key, why.message)
     document = contact_document(drive, state)
-    files = _pictures(drive, point, state, figure, compare) if document["pulleys"] else ()
+    files = _pictures(drive, point, state, *pictures) if document["pulleys"] else ()
     failure = str(FileError(path, why.key, why.message)) if why else ""
-    return Report(document, contact_tables(document), failure, files)
+    return Report(document, contact_tables(document, TableUnits(drive, si)), failure, files)
 
 
 def _the_belt(
@@ -183,6 +189,10 @@ def contact_document(drive: Drive, state: ContactState) -> dict[str, Any]:
             body.name: plain(place) if found else None
             for body, place in zip(drive.tensioners, np.asarray(state.coordinates), strict=True)
         },
+        "at_stop": {
+            body.name: STOPS.get(int(stop)) if found else None
+            for body, stop in zip(drive.tensioners, np.asarray(state.at_stop), strict=True)
+        },
         "unstretched_speed": plain(state.unstretched_speed) if found else None,
         "mass_flow": plain(state.mass_flow) if found else None,
         "message": "" if state.feasible else explanation(state.result),
@@ -234,45 +244,50 @@ def _spans(drive: Drive, state: ContactState) -> list[dict[str, Any]]:
     return [dict(zip(keys, row, strict=True)) for row in columns]
 
 
-def contact_tables(document: dict[str, Any]) -> Group:
+def contact_tables(document: dict[str, Any], units: TableUnits) -> Group:
     """The tables of `beltjax contact`, from its JSON document."""
     if document["pulleys"] is None:
         return Group(escape(f"{document['drive']}: no state of contact"))
-    return Group(_pulley_table(document), _span_table(document), _summary(document))
+    tables = _pulley_table, _span_table, _summary
+    return Group(*(table(document, units) for table in tables))
 
 
-def _pulley_table(document: dict[str, Any]) -> Table:
-    columns = "pulley", "wrap (deg)", "slip (deg)", "adhesion (deg)", "moment (N m)", "rpm"
-    table = plain_table(escape(document["drive"]), *columns)
+def _pulley_table(document: dict[str, Any], units: TableUnits) -> Table:
+    arcs = "wrap", "slip", "adhesion"
+    columns = *((arc, "rad") for arc in arcs), ("moment", "N m"), ("speed", "rad/s")
+    heads = (units.head(*column) for column in columns)
+    table = plain_table(escape(document["drive"]), "pulley", *heads)
     for row in document["pulleys"]:
-        angles = (number(row[f"{key}_deg"], 2) for key in ("wrap", "slip", "adhesion"))
-        rpm = row["speed"] * 30 / np.pi
-        table.add_row(escape(row["name"]), *angles, number(row["moment"], 3), number(rpm, 1))
+        angles = (units.text(np.radians(row[f"{arc}_deg"]), "rad", 2) for arc in arcs)
+        moment, speed = units.text(row["moment"], "N m", 3), units.text(row["speed"], "rad/s", 1)
+        table.add_row(escape(row["name"]), *angles, moment, speed)
     return table
 
 
-def _span_table(document: dict[str, Any]) -> Table:
-    columns = "span", "length (mm)", "T start (N)", "T mid (N)", "T end (N)", "angles (deg)"
-    table = plain_table("", *columns)
+def _span_table(document: dict[str, Any], units: TableUnits) -> Table:
+    places = "start", "mid", "end"
+    columns = ("length", "m"), *((f"T {where}", "N") for where in places), ("angles", "rad")
+    table = plain_table("", "span", *(units.head(*column) for column in columns))
     for row in document["spans"]:
-        tensions = (number(row[f"tension_{where}"], 2) for where in ("start", "mid", "end"))
-        angles = f"{row['angle_start_deg']:.2f}, {row['angle_end_deg']:.2f}"
-        table.add_row(escape(row["name"]), number(1e3 * row["length"], 1), *tensions, angles)
+        tensions = (units.text(row[f"tension_{where}"], "N", 2) for where in places)
+        ends = np.radians([row["angle_start_deg"], row["angle_end_deg"]])
+        angles = ", ".join(units.text(end, "rad", 2) for end in ends)
+        table.add_row(escape(row["name"]), units.text(row["length"], "m", 1), *tensions, angles)
     return table
 
 
-def _summary(document: dict[str, Any]) -> Table:
+def _summary(document: dict[str, Any], units: TableUnits) -> Table:
     table = plain_table("", "quantity", "value", "unit")
     rows = [
         ("efficiency", document["efficiency"], 6, ""),
         ("driver's moment", document["driver_moment"], 4, "N m"),
         ("factor on the torques", document["torque_factor"], 4, ""),
-        ("belt length, unstretched", document["unstretched_length"], 6, "m"),
+        ("belt length, unstretched", document["unstretched_length"], 3, "m"),
         ("tension of that belt as a string", document["string_tension"], 2, "N"),
         ("mass flow", document["mass_flow"], 4, "kg/s"),
     ]
     for label, value, digits, unit in rows:
-        table.add_row(label, number(value, digits), unit)
+        table.add_row(label, units.text(value, unit, digits), units.name(unit))
     return table
 
 
@@ -301,8 +316,6 @@ def _cause(drive: Drive, point: OperatingPoint, state: ContactState) -> tuple[st
         return "belt.bending_stiffness", f"{', '.join(bare)}: "
     if result == RESULTS.belt_too_stiff:
         return "belt.bending_stiffness", f"pulley {names[int(np.argmin(drive.radii))]}: "
-    if result == RESULTS.arm_at_stop:
-        return "tensioner.stops", f"{places_in_words(drive, state.coordinates)}: "
     if result == RESULTS.belt_overstretched:
         return speed_key(point), ""
     given = isinstance(drive.installation, BeltGiven)

@@ -24,6 +24,7 @@ from beltjax.commands.reports.documents import (
 )
 from beltjax.commands.reports.report import Report
 from beltjax.commands.reports.tables import plain_table
+from beltjax.commands.reports.units import TableUnits
 from beltjax.commands.reports.warnings import drive_warnings, warning_lines
 from beltjax.commands.running import Advance
 from beltjax.drive.files import load_drive
@@ -88,7 +89,7 @@ class ExploreOptions(NamedTuple):
     store: str
 
 
-def explore_report(path: str, given: ExploreOptions, advance: Advance) -> Report:
+def explore_report(path: str, given: ExploreOptions, advance: Advance, si: bool = False) -> Report:
     """Explore the designs of a drive file. Raises `FileError` for options that cannot be used."""
     if given.workers is not None and given.scheduler:
         raise FileError("--workers", "", "a scheduler has its own workers; leave out one of both")
@@ -136,7 +137,8 @@ def explore_report(path: str, given: ExploreOptions, advance: Advance) -> Report
     if not document["success"]:
         text = document["outcomes"][0]["text"]
         failure = str(FileError(path, "", f"no design succeeded: {text}"))
-    return Report(document, Group(*warning_lines(document), _tables(document)), failure)
+    tables = _tables(document, TableUnits(drive, si))
+    return Report(document, Group(*warning_lines(document), tables), failure)
 
 
 class _Pace:
@@ -256,14 +258,15 @@ def _outcomes(flags: dict[str, Any], counts: dict[int, int]) -> list[dict[str, A
     return sorted(rows, key=lambda row: -row["designs"])
 
 
-def _tables(document: dict[str, Any]) -> Group:
+def _tables(document: dict[str, Any], units: TableUnits) -> Group:
     title = f"{document['drive']}: {document['designs']:,} designs in {document['store']}"
     table = plain_table(escape(title), "quantity", "least", "mean", "greatest", "unit", "found")
     for row in document["quantities"]:
         ends = [row[key] and row[key]["value"] for key in ("least", "greatest")]
         values = [ends[0], row["mean"], ends[1]]
-        words = ["-" if value is None else f"{value:.5g}" for value in values]
-        table.add_row(escape(row["name"]), *words, row["unit"], f"{row['found']:,}")
+        factor, unit = units.of_quantity(1.0, row["unit"])
+        words = ["-" if value is None else f"{factor * value:.5g}" for value in values]
+        table.add_row(escape(row["name"]), *words, unit, f"{row['found']:,}")
     ends = plain_table("", "result", "designs")
     for row in document["outcomes"]:
         ends.add_row(row["result"], f"{row['designs']:,}")

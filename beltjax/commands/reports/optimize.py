@@ -23,10 +23,10 @@ from beltjax.commands.reports.documents import (
 )
 from beltjax.commands.reports.report import Report
 from beltjax.commands.reports.tables import number, plain_table
+from beltjax.commands.reports.units import TableUnits
 from beltjax.commands.reports.warnings import steady_warnings, warning_lines
 from beltjax.commands.running import Advance
 from beltjax.drive.files import drive_bytes
-from beltjax.drive.numbers import in_unit_of_file
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
 from beltjax.files.reading import read_json
@@ -48,6 +48,7 @@ class LimitPart(Part):
     """A limit and the quantity it holds, SI and rad."""
 
     quantity: str
+    unit: str = meaning("SI; empty for a pure number")
     value: Maybe = meaning("the part closest to its limit")
     lower: Maybe
     upper: Maybe
@@ -143,6 +144,7 @@ class OptimizeOptions(NamedTuple):
     time_limit: float | None = None  # [s]
     checkpoint: str | None = None
     warm: str | None = None  # the JSON of an earlier run
+    si: bool = False  # tables in SI, not in the units of the drive's file
 
 
 def optimize_report(
@@ -186,7 +188,7 @@ def optimize_report(
         }
         files.append((given.page, study_page(study, design, document, before)))
     failure = "" if design.success else str(FileError(path, *_missed(design)))
-    return Report(document, optimize_tables(document, study.drive), failure, tuple(files))
+    return Report(document, optimize_tables(document, study.drive, given.si), failure, tuple(files))
 
 
 def _minimized(
@@ -316,18 +318,20 @@ def _optimality(shown: optimize.Optimality | None) -> dict[str, Any] | None:
 
 
 def _constraint(constraint: optimize.ConstraintReport) -> dict[str, Any]:
-    keys = ("quantity", "value", "lower", "upper", "multiplier", "active", "violation")
+    keys = ("quantity", "unit", "value", "lower", "upper", "multiplier", "active", "violation")
     return {key: getattr(constraint, key) for key in keys}
 
 
-def optimize_tables(document: dict[str, Any], drive: Drive) -> Group:
+def optimize_tables(document: dict[str, Any], drive: Drive, si: bool = False) -> Group:
     """The tables of `beltjax optimize`: the design, its constraints, and how the starts ended.
 
-    `drive` is the study's own; variables are shown in the units in which its file gives them.
+    `drive` is the study's own, in whose file's units they are unless in SI.
     """
-    shown = [_design_table(document, drive), _constraint_table(document), _start_table(document)]
+    units = TableUnits(drive, si)
+    shown = [_design_table(document, drive, units)]
+    shown += [_constraint_table(document, units), _start_table(document)]
     if len(document["optima"]) > 1:
-        shown.append(_optima_table(document))
+        shown.append(_optima_table(document, units))
     if "choices" in document:
         shown.insert(0, _choice_table(document["choices"]))
     return Group(*warning_lines(document), *shown, *map(Text, _optimality_lines(document)))
@@ -344,12 +348,14 @@ def _choice_table(choices: list[dict[str, Any]]) -> Table:
     return table
 
 
-def _optima_table(document: dict[str, Any]) -> Table:
+def _optima_table(document: dict[str, Any], units: TableUnits) -> Table:
     """The best designs in which starts ended: what differs between them."""
     best = document["optima"][:_FEW_OPTIMA]
-    table = plain_table("Optima (SI, rad)", "variable", *(str(i + 1) for i in range(len(best))))
+    table = plain_table("Optima", "variable", *(str(i + 1) for i in range(len(best))), "unit")
     for name in best[0]["values"]:
-        table.add_row(escape(name), *(f"{optimum['values'][name]:.6g}" for optimum in best))
+        factor, unit = units.of_number(name, 1.0)
+        values = (f"{factor * optimum['values'][name]:.6g}" for optimum in best)
+        table.add_row(escape(name), *values, unit)
     table.add_row("starts", *(str(optimum["starts"]) for optimum in best))
     table.add_row("objective", *(f"{o['objective']:.6g}" for o in best), style="bold")
     return table
@@ -371,11 +377,11 @@ def _optimality_lines(document: dict[str, Any]) -> Iterator[str]:
         yield f"optimality: residual {shown['residual']:.1e} of the scaled conditions{second}"
 
 
-def _design_table(document: dict[str, Any], drive: Drive) -> Table:
+def _design_table(document: dict[str, Any], drive: Drive, units: TableUnits) -> Table:
     table = plain_table("Design", "variable", "before", "after", "unit")
     for name, value in document["design"].items():
         own = float(optimize.value_of(drive, name))
-        (was, unit), (now, _) = (in_unit_of_file(drive, name, x) for x in (own, value))
+        (was, unit), (now, _) = (units.of_number(name, x) for x in (own, value))
         table.add_row(escape(name), f"{was:.6g}", f"{now:.6g}", unit)
     objective = document["objective"]
     initial = "-" if objective["initial"] is None else f"{objective['initial']:.6g}"
@@ -387,10 +393,10 @@ def _design_table(document: dict[str, Any], drive: Drive) -> Table:
     return table
 
 
-def _constraint_table(document: dict[str, Any]) -> Table:
+def _constraint_table(document: dict[str, Any], units: TableUnits) -> Table:
     # The price of a limit is d(objective)/d(limit): what its next unit would buy.
-    headers = ["quantity", "value", "lower", "upper", "", "price of limit"]
-    title, drawn = "Constraints (SI, rad)", {}
+    headers = ["quantity", "value", "lower", "upper", "unit", "", "price of limit"]
+    title, drawn = "Constraints", {}
     if "robust" in document:
         title += f": {document['robust']['counted']}"
         headers, drawn = [*headers, "as drawn"], document["robust"]["as_drawn"]["constraints"]
@@ -398,15 +404,17 @@ def _constraint_table(document: dict[str, Any]) -> Table:
     active_implied = [c for c in document["implied_constraints"] if c["active"] or c["violation"]]
     for constraint in document["constraints"] + active_implied:
         state = "not met" if constraint["violation"] else "active" if constraint["active"] else ""
+        factor, unit = units.of_quantity(1.0, constraint["unit"])
         bounds = [
-            "-" if constraint[k] is None else f"{constraint[k]:.6g}" for k in ("lower", "upper")
+            "-" if constraint[k] is None else f"{factor * constraint[k]:.6g}"
+            for k in ("lower", "upper")
         ]
         price = ""
         if constraint["active"] and constraint["multiplier"] is not None:
-            price = f"{constraint['multiplier']:+.4g}"
+            price = f"{constraint['multiplier'] / factor:+.4g}"
         name = constraint["quantity"]
-        row = [escape(name), f"{constraint['value']:.6g}", *bounds, state, price]
-        table.add_row(*row, *([f"{drawn[name]:.6g}"] if name in drawn else []))
+        row = [escape(name), f"{factor * constraint['value']:.6g}", *bounds, unit, state, price]
+        table.add_row(*row, *([f"{factor * drawn[name]:.6g}"] if name in drawn else []))
     return table
 
 

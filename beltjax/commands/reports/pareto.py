@@ -19,6 +19,7 @@ from beltjax.commands.reports.documents import (
 )
 from beltjax.commands.reports.report import Report
 from beltjax.commands.reports.tables import plain_table
+from beltjax.commands.reports.units import TableUnits
 from beltjax.commands.reports.warnings import drive_warnings, warning_lines
 from beltjax.commands.running import Advance
 from beltjax.files.errors import FileError
@@ -45,6 +46,7 @@ def pareto_report(
     points: int | None,
     figure: str | None,
     advance: Advance,
+    si: bool = False,
 ) -> Report:
     """Follow the front of a study's [pareto] objectives. Raises `FileError` where it has none."""
     study = optimize.load_study(path)
@@ -61,7 +63,9 @@ def pareto_report(
         from beltjax.draw.layouts import picture_bytes
 
         files = ((figure, picture_bytes(front_figure(front), figure)),)
-    tables = Group(*warning_lines(document), pareto_table(document))
+    tables = Group(
+        *warning_lines(document), pareto_table(document, front, TableUnits(study.drive, si))
+    )
     return Report(document, tables, _failure(path, front), files)
 
 
@@ -86,15 +90,21 @@ def pareto_document(front: optimize.Front) -> dict[str, Any]:
     return {"objectives": list(front.names), "points": points, "success": front.success}
 
 
-def pareto_table(document: dict[str, Any]) -> Table:
+def pareto_table(document: dict[str, Any], front: optimize.Front, units: TableUnits) -> Table:
     """The table of `beltjax pareto`: objectives and variables of every design of the front."""
     names = document["objectives"]
     points = document["points"]
     variables = list(points[0]["design"]) if points else []
+    shown = [units.of_quantity(1.0, unit) for unit in front.units]
+    shown += [units.of_number(name, 1.0) for name in variables]
     # A header takes as many lines as its name has parts, so that the columns stay narrow.
-    headers = [re.sub("(?<=[.:])", "\n", name) for name in (*names, *variables)]
-    table = plain_table("Pareto front (SI, rad)", *map(escape, headers))
+    headers = [
+        re.sub("(?<=[.:])", "\n", name) + (f"\n({unit})" if unit else "")
+        for name, (_, unit) in zip((*names, *variables), shown, strict=True)
+    ]
+    table = plain_table("Pareto front", *map(escape, headers))
     for point in points:
         values = [*point["objectives"].values(), *point["design"].values()]
-        table.add_row(*(f"{value:.6g}" for value in values))
+        cells = zip(values, shown, strict=True)
+        table.add_row(*(f"{factor * value:.6g}" for value, (factor, _) in cells))
     return table

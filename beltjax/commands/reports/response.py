@@ -24,7 +24,9 @@ from beltjax.commands.reports.documents import (
     plain,
 )
 from beltjax.commands.reports.report import Report
+from beltjax.commands.reports.states import Kind, kind_of
 from beltjax.commands.reports.tables import number, plain_table
+from beltjax.commands.reports.units import TableUnits
 from beltjax.commands.reports.vibrating import RPM, all_failed, vibrating
 from beltjax.commands.reports.warnings import response_warnings, warning_lines
 from beltjax.commands.running import Advance
@@ -66,6 +68,7 @@ class ResponseDocument(Document):
     pulley_rotation: SwingPart = meaning("rad")
     arm_rotation: SwingPart | None = meaning("rad; null unless one arm carries one pulley")
     coordinates: dict[str, SwingPart] = meaning("of each tensioner, by its name: rad, or m")
+    coordinate_kinds: dict[str, Kind] = meaning("of each tensioner")
     span_peak: PeakPart = meaning("m, largest deflection of each span")
     tension: SwingPart = meaning("N, fluctuation of each span's tension")
     hub_load: PeakPart = meaning("N, on each pulley")
@@ -86,7 +89,11 @@ class ResponseOptions(NamedTuple):
 
 
 def response_report(
-    path: str | os.PathLike[str], given: ResponseOptions, figure: str | None, advance: Advance
+    path: str | os.PathLike[str],
+    given: ResponseOptions,
+    figure: str | None,
+    advance: Advance,
+    si: bool = False,
 ) -> Report:
     """Force the drive of a file over a range of speeds.
 
@@ -104,6 +111,7 @@ def response_report(
     damping = read_option("--modal-damping", lambda: Damping(modal=ratio))
     found = _responses(drive, point, speeds, excitation, jnp.asarray(order), damping, advance)
     document = response_document(drive, order, speeds, found)
+    units = TableUnits(drive, si)
     files: tuple[tuple[str, bytes], ...] = ()
     if figure:
         from beltjax.draw.curves import response_figure  # slow to load
@@ -112,10 +120,10 @@ def response_report(
         title = f"{drive.name}: response to order {order:g}"
         rpm = np.array(document["driver_speed_rpm"])
         slack = np.min(np.asarray(found.slack_factors), axis=1) < 1
-        picture = response_figure(title, rpm, response_curves(document), slack)
+        picture = response_figure(title, rpm, response_curves(document, units), slack)
         files = ((figure, picture_bytes(picture, figure)),)
     failure = all_failed(path, "operation.driver_speed", explanations(found.result))
-    return Report(document, response_tables(document), failure, files)
+    return Report(document, response_tables(document, units), failure, files)
 
 
 def _order(point: OperatingPoint, given: ResponseOptions) -> float:
@@ -224,6 +232,7 @@ def response_document(
         "spans": list(drive.span_names),
         "pulley_rotation": complex_of(found.rotations),
         "arm_rotation": complex_of(found.arm_rotation) if single_arm(drive) else None,
+        "coordinate_kinds": {body.name: kind_of(body) for body in drive.tensioners},
         "coordinates": {name: complex_of(motions[:, k]) for k, name in enumerate(names)},
         "span_peak": {"amplitude": plain(kept(found.span_peaks))},
         "tension": complex_of(found.tensions),
@@ -233,30 +242,36 @@ def response_document(
     }
 
 
-def response_curves(document: dict[str, Any]) -> dict[str, dict[str, np.ndarray]]:
-    """Amplitude curves by what they measure and by part, in units for people."""
+def response_curves(
+    document: dict[str, Any], units: TableUnits
+) -> dict[str, dict[str, np.ndarray]]:
+    """Amplitude curves by what they measure and by part, in the units of tables."""
     pulleys, spans = document["pulleys"], document["spans"]
     kinds = {
-        "pulley rotation (deg)": ("pulley_rotation", pulleys, 180 / np.pi),
-        "arm rotation (deg)": ("arm_rotation", ["arm"], 180 / np.pi),
-        "span deflection (mm)": ("span_peak", spans, 1e3),
-        "tension fluctuation (N)": ("tension", spans, 1.0),
-        "hub load (N)": ("hub_load", pulleys, 1.0),
+        "pulley rotation": ("pulley_rotation", pulleys, "rad"),
+        "arm rotation": ("arm_rotation", ["arm"], "rad"),
+        "span deflection": ("span_peak", spans, "m"),
+        "tension fluctuation": ("tension", spans, "N"),
+        "hub load": ("hub_load", pulleys, "N"),
     }
-    curves = {}
-    for kind, (key, names, factor) in kinds.items():
+    curves: dict[str, dict[str, np.ndarray]] = {}
+
+    def add(kind: str, unit: str, names: list[str], swing: dict[str, Any]) -> None:
+        table = units.value(1.0, unit) * np.array(swing["amplitude"], dtype=float)
+        columns = table.reshape(len(table), -1).T
+        curves.setdefault(units.head(kind, unit), {}).update(zip(names, columns, strict=True))
+
+    for kind, (key, names, unit) in kinds.items():
         if document[key] is not None:
-            table = factor * np.array(document[key]["amplitude"], dtype=float)
-            columns = table.reshape(len(table), -1).T
-            curves[kind] = dict(zip(names, columns, strict=True))
+            add(kind, unit, names, document[key])
     if document["arm_rotation"] is None:
         for name, swing in document["coordinates"].items():
-            curve = np.array(swing["amplitude"], dtype=float)
-            curves.setdefault("tensioner motion (rad or m)", {})[name] = curve
+            unit = "rad" if document["coordinate_kinds"][name] == "rotary" else "m"
+            add("tensioner motion", unit, [name], swing)
     return curves
 
 
-def response_tables(document: dict[str, Any]) -> Group:
+def response_tables(document: dict[str, Any], units: TableUnits) -> Group:
     """The largest amplitude of every part, and at which speed."""
     table = plain_table(
         escape(f"{document['drive']}: peaks of the response to order {document['order']:g}"),
@@ -265,7 +280,7 @@ def response_tables(document: dict[str, Any]) -> Group:
         "at (rpm)",
         "at (Hz)",
     )
-    for kind, curves in response_curves(document).items():
+    for kind, curves in response_curves(document, units).items():
         for name, curve in curves.items():
             if np.isfinite(curve).any():
                 at = int(np.nanargmax(curve))

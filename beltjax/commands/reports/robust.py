@@ -18,6 +18,7 @@ from beltjax.commands.reports.documents import (
 )
 from beltjax.commands.reports.report import Report
 from beltjax.commands.reports.tables import plain_table
+from beltjax.commands.reports.units import TableUnits
 from beltjax.commands.reports.warnings import drive_warnings, warning_lines
 from beltjax.drive.files import load_drive
 from beltjax.drive.numbers import require_numbers, unit_of
@@ -70,7 +71,7 @@ class RobustOptions(NamedTuple):
     indices: bool
 
 
-def robust_report(path: str, given: RobustOptions) -> Report:
+def robust_report(path: str, given: RobustOptions, si: bool = False) -> Report:
     """Scatter the drive of a file. Raises `FileError` for options that cannot be used."""
     drive, point = load_drive(path)
     kinds = _tolerances(drive, given)
@@ -88,7 +89,7 @@ def robust_report(path: str, given: RobustOptions) -> Report:
         "model": model_flags(drive),
         "warnings": drive_warnings(drive, point),
     }
-    return Report(document, _tables(document), "")
+    return Report(document, _tables(document, TableUnits(drive, si)), "")
 
 
 def _tolerances(
@@ -136,7 +137,7 @@ def _document(
     }
 
 
-def _tables(document: dict[str, Any]) -> Group:
+def _tables(document: dict[str, Any], units: TableUnits) -> Group:
     percent = 100 * document["quantile"]
     table = plain_table(
         escape(f"{document['drive']}: {document['samples']:,} drives within the tolerances"),
@@ -151,8 +152,9 @@ def _tables(document: dict[str, Any]) -> Group:
     )
     keys = "nominal", "mean", "deviation", "linear_deviation", "low", "high"
     for row in document["quantities"]:
-        values = (f"{row[key]:.5g}" for key in keys)
-        table.add_row(escape(row["name"]), *values, row["unit"])
+        factor, unit = units.of_quantity(1.0, row["unit"])
+        values = (f"{factor * row[key]:.5g}" for key in keys)
+        table.add_row(escape(row["name"]), *values, unit)
     parts = [*warning_lines(document), table, _share_table(document)]
     if document["failed"]:
         parts.append(f"{document['failed']} of the drives do not run and are left out")

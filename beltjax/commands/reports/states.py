@@ -7,19 +7,22 @@ import numpy as np
 
 from beltjax.analysis.steady import SteadyState
 from beltjax.commands.reports.documents import Maybe, Part, meaning, plain
-from beltjax.drive.components import KINDS
+from beltjax.drive.components import KINDS, Tensioner
 from beltjax.drive.loops import Loops
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.shafts import transmission
 from beltjax.drive.system import Drive
 from beltjax.results import succeeded
 
+Kind = Literal["rotary", "linear"]
+STOPS = {-1: "least", 1: "greatest"}  # which stop holds a body, as words
+
 
 class CoordinatePart(Part):
     """Where a tensioner stands, from the drawn position: rad, or m of a linear one."""
 
     name: str
-    kind: Literal["rotary", "linear"]
+    kind: Kind
     installed: Maybe = meaning("without torques")
     at_rest: Maybe = meaning("with torques")
     change: Maybe = meaning("from at rest to running")
@@ -65,9 +68,14 @@ class IsolatorPart(Part):
     wind_up: Maybe = meaning("rad, torque over stiffness")
 
 
+def kind_of(body: Tensioner) -> str:
+    """How a tensioner moves, as the file says it."""
+    return next(word for word, sign in KINDS.items() if sign == float(body.kind))
+
+
 def coordinates(drive: Drive, steady: SteadyState) -> list[dict[str, Any]]:
     """Where each tensioner stands: installed, at rest with torques, and how running moves it."""
-    reference, stops = steady.reference, {-1: "least", 1: "greatest"}
+    reference = steady.reference
     columns = zip(
         drive.tensioners,
         plain(reference.installed),
@@ -76,15 +84,14 @@ def coordinates(drive: Drive, steady: SteadyState) -> list[dict[str, Any]]:
         np.where(steady.at_stop != 0, steady.at_stop, reference.at_stop).tolist(),
         strict=True,
     )
-    kinds = {sign: word for word, sign in KINDS.items()}
     return [
         {
             "name": body.name,
-            "kind": kinds[float(body.kind)],
+            "kind": kind_of(body),
             "installed": installed,
             "at_rest": at_rest,
             "change": change,
-            "at_stop": stops.get(int(at_stop)),
+            "at_stop": STOPS.get(int(at_stop)),
         }
         for body, installed, at_rest, change, at_stop in columns
     ]

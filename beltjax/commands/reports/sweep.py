@@ -19,7 +19,8 @@ from beltjax.commands.reports.documents import (
 )
 from beltjax.commands.reports.report import Report
 from beltjax.commands.reports.tables import number, plain_table
-from beltjax.commands.reports.vibrating import RPM, all_failed, vibrating
+from beltjax.commands.reports.units import TableUnits
+from beltjax.commands.reports.vibrating import all_failed, vibrating
 from beltjax.commands.reports.warnings import sweep_warnings, warning_lines
 from beltjax.commands.running import Advance
 from beltjax.draw.labels import span_label
@@ -63,12 +64,16 @@ def sweep_report(
     over: str,
     count: int,
     orders: str,
-    netcdf: str | None,
-    figure: str | None,
+    outputs: tuple[str | None, str | None],
     advance: Advance,
+    si: bool = False,
 ) -> Report:
-    """Sweep one number of a drive file. Raises `FileError` for options that cannot be used."""
+    """Sweep one number of a drive file; `outputs` name a NetCDF file and a picture.
+
+    Raises `FileError` for options that cannot be used.
+    """
     drive, point = vibrating(path)
+    netcdf, figure = outputs
     name, text = read_option("--over", lambda: read_named(over, "NAME=FROM:TO:POINTS"))
     read_option("--over", lambda: require_number(drive, name))
     values = read_option("--over", lambda: read_range(text, unit_of(drive, name)))
@@ -86,7 +91,8 @@ def sweep_report(
         picture = sweep_figure(drive, found, document["labels"], lines)
         files.append((figure, picture_bytes(picture, figure)))
     failure = all_failed(path, name, found.outcomes)
-    return Report(document, sweep_tables(document), failure, tuple(files))
+    tables = sweep_tables(document, TableUnits(drive, si))
+    return Report(document, tables, failure, tuple(files))
 
 
 def _netcdf(found: Sweep) -> bytes:
@@ -125,11 +131,11 @@ def sweep_document(drive: Drive, found: Sweep) -> dict[str, Any]:
     }
 
 
-def sweep_tables(document: dict[str, Any]) -> Group:
+def sweep_tables(document: dict[str, Any], units: TableUnits) -> Group:
     """Some rows and columns of a sweep, all its modes and its veerings."""
-    parts = [*warning_lines(document), _sweep_table(document), _modes_table(document)]
+    parts = [*warning_lines(document), _sweep_table(document, units), _modes_table(document)]
     if document["veerings"]:
-        parts.append(_veering_table(document))
+        parts.append(_veering_table(document, units))
     failed = sum(text is not None for text in document["failures"])
     if failed:
         why = next(text for text in document["failures"] if text)
@@ -137,9 +143,9 @@ def sweep_tables(document: dict[str, Any]) -> Group:
     return Group(*parts)
 
 
-def _sweep_table(document: dict[str, Any]) -> Any:
+def _sweep_table(document: dict[str, Any], units: TableUnits) -> Any:
     shown = min(len(document["labels"]), _COLUMNS)
-    factor, unit = _shown_in(document)
+    factor, unit = units.of_number(document["over"], 1.0)
     title = f"{document['drive']}: natural frequencies (Hz) over {document['over']}"
     columns = ["Gamma", *(str(k + 1) for k in range(shown))]
     table = plain_table(escape(title), f"at ({unit})" if unit else "at", *columns)
@@ -149,11 +155,6 @@ def _sweep_table(document: dict[str, Any]) -> Any:
         gamma = number(document["coupling_total"][p], 4)
         table.add_row(f"{factor * document['values'][p]:.6g}", gamma, *(number(x, 2) for x in row))
     return table
-
-
-def _shown_in(document: dict[str, Any]) -> tuple[float, str]:
-    """Factor and unit in which people read the swept number."""
-    return (RPM, "rpm") if document["unit"] == "rad/s" else (1.0, document["unit"])
 
 
 def _modes_table(document: dict[str, Any]) -> Any:
@@ -166,8 +167,8 @@ def _modes_table(document: dict[str, Any]) -> Any:
     return table
 
 
-def _veering_table(document: dict[str, Any]) -> Any:
-    factor, unit = _shown_in(document)
+def _veering_table(document: dict[str, Any], units: TableUnits) -> Any:
+    factor, unit = units.of_number(document["over"], 1.0)
     at = f"at ({unit})" if unit else "at"
     table = plain_table("Veerings", "modes", at, "gap (Hz)", "")
     for veering in document["veerings"]:
