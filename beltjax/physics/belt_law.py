@@ -1,4 +1,4 @@
-"""Belt laws: how much a belt stretches under tension and bending (docs/theory/contact.md, (C2)).
+"""Belt laws: how much a belt stretches under tension and bending (docs/theory/contact.md, (C3)).
 
 A law gives the strain as a function of T/EA and EI kappa^2/(2 EA). The quantities that contact
 mechanics needs follow from it: the stretch at a given P = T - G V, the unstretched lengths of spans

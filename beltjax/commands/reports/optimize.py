@@ -334,7 +334,7 @@ def optimize_tables(document: dict[str, Any], drive: Drive, si: bool = False) ->
         shown.append(_optima_table(document, units))
     if "choices" in document:
         shown.insert(0, _choice_table(document["choices"]))
-    return Group(*warning_lines(document), *shown, *map(Text, _optimality_lines(document)))
+    return Group(*warning_lines(document), *shown, *map(Text, _optimality_lines(document, units)))
 
 
 def _choice_table(choices: list[dict[str, Any]]) -> Table:
@@ -361,10 +361,11 @@ def _optima_table(document: dict[str, Any], units: TableUnits) -> Table:
     return table
 
 
-def _optimality_lines(document: dict[str, Any]) -> Iterator[str]:
+def _optimality_lines(document: dict[str, Any], units: TableUnits) -> Iterator[str]:
     shown = document["optimality"]
     for name, price in document["active_bounds"].items():
-        yield f"at its bound: {name} (price {price:+.4g})"
+        one, unit = units.of_number(name.rpartition(" ")[0], 1.0)
+        yield f"at its bound: {name} (price {price / one:+.4g}{unit and f' per {unit}'})"
     if document["conflicts"]:
         yield f"cannot be met together: {'; '.join(document['conflicts'])}"
     if shown is not None:
