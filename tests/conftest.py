@@ -22,6 +22,7 @@ import beltjax as bj  # noqa: E402
 import beltjax.__main__  # noqa: E402
 import beltjax.commands.registry  # noqa: E402
 import beltjax.commands.running  # noqa: E402
+import beltjax.physics.belt_law  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 
@@ -41,6 +42,8 @@ def own_registries(monkeypatch):
     quantities, optimizers = bj.optimize.quantities, bj.optimize.search.registry
     monkeypatch.setattr(quantities, "_DEFINITIONS", dict(quantities._DEFINITIONS))
     monkeypatch.setattr(optimizers, "_OPTIMIZERS", dict(optimizers._OPTIMIZERS))
+    laws = beltjax.physics.belt_law
+    monkeypatch.setattr(laws, "_LAWS", dict(laws._LAWS))
     commands = beltjax.commands.registry
     monkeypatch.setattr(commands, "_REGISTERED", dict(commands.registered()))
     monkeypatch.setattr(commands.group, "commands", dict(commands.group.commands))

@@ -119,6 +119,7 @@ WITH_EXAMPLES = sorted(name for name, thing in PUBLIC.items() if examples_of(thi
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)  # one runs a study
 @pytest.mark.parametrize("name", WITH_EXAMPLES)
 def test_examples_of_docstrings_run(name, monkeypatch, own_registries):
     monkeypatch.chdir(ROOT)

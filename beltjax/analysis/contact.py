@@ -112,7 +112,7 @@ def contact_state(
     Args:
         drive: a drive with one belt; `one_belt` extracts a belt of several.
         point: speeds and torques.
-        law: the belt law.
+        law: the belt law, or its name.
         throw: raise where the result is a failure.
 
     Returns:

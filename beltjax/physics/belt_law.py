@@ -1,9 +1,9 @@
 """Belt laws: how much a belt stretches under tension and bending (docs/theory/contact.md, (C3)).
 
-A law says the strain as a function of T/EA and EI kappa^2/(2 EA). What contact mechanics needs of
-it follows here: the stretch at a given P = T - G V, the unstretched lengths of spans and arcs, and
-the speed of the unstretched belt. A law that is linear in both arguments has them in closed form;
-any other has them by Gauss's rule and Newton's method.
+A law gives the strain as a function of T/EA and EI kappa^2/(2 EA). The quantities that contact
+mechanics needs follow from it: the stretch at a given P = T - G V, the unstretched lengths of spans
+and arcs, and the speed of the unstretched belt. A law that is linear in both arguments has them in
+closed form; any other law has them by Gauss's rule and Newton's method.
 """
 
 import abc
@@ -28,31 +28,30 @@ _PANELS = np.array([0.0, 0.5, 1.0, 2.0, 3.0, 4.5, 6.0, 8.0, 11.0, 15.0, 20.0])
 
 
 class AbstractBeltLaw(eqx.Module):
-    """How a belt stretches: one method to override, `strain`.
+    """How a belt stretches; a law overrides one method, `strain`.
 
-    Numbers that a law has of its own are its fields; JAX differentiates by them.
+    The numbers of a law are its fields, by which JAX differentiates.
 
-        @bj.belt_law("hardening")
-        class Hardening(bj.AbstractBeltLaw):
-            "A belt that hardens as it is stretched."
-
-            def strain(self, tension, bending):
-                return tension - 2.0 * tension**2
-
+    Examples:
+        >>> @bj.belt_law("hardening")
+        ... class Hardening(bj.AbstractBeltLaw):
+        ...     "A belt that hardens as it is stretched."
+        ...
+        ...     def strain(self, tension, bending):
+        ...         return tension - 2.0 * tension**2
     """
 
     @abc.abstractmethod
     def strain(self, tension: Array, bending: Array) -> Array:
         """Strain of the belt's neutral axis, element by element.
 
-        Arguments:
-            tension: T/EA, any shape.
-            bending: EI kappa^2/(2 EA), same shape.
+        Args:
+            tension: T/EA, of any shape.
+            bending: EI kappa^2/(2 EA), of the same shape.
 
         Returns:
-            The strain, of the same shape; zero where both are zero, and increasing with the
+            The strain, of the same shape, which is zero where both are zero and increases with the
             tension.
-
         """
 
     def stretch(self, P: Array, bent: Array, g: Scalar, EA: Scalar) -> Array:
@@ -83,7 +82,7 @@ class AbstractBeltLaw(eqx.Module):
     ) -> Array:
         """Unstretched length over the radius of arcs of slip, along which P goes from low to high.
 
-        There P grows by e^{mu angle} (Euler and Eytelwein).
+        On such an arc P grows by e^{mu angle} (Euler and Eytelwein).
         """
         rise = jnp.log(high / low)
         P = low[..., None] * jnp.exp(rise[..., None] * (1 + _NODES) / 2)
@@ -104,9 +103,9 @@ class AbstractBeltLaw(eqx.Module):
 
 
 def _root(unmet: Callable[[Array], Array], start: Array) -> Array:
-    """Where each element of `unmet` vanishes, by Newton's method.
+    """The root of each element of `unmet`, by Newton's method.
 
-    Only the last step is differentiated: at the root that is the implicit derivative.
+    Only the last step is differentiated, which at the root gives the implicit derivative.
     """
 
     def step(x: Array) -> Array:
@@ -168,10 +167,17 @@ _LAWS: dict[str, RegisteredLaw] = {}
 def belt_law(name: str) -> Callable[[LawFactory], LawFactory]:
     """Register a class of belt laws, or a function that makes one, under a name.
 
-    It is called without arguments. The name is what `contact_state(law=...)` and `--law` take; the
-    first line of the docstring says in messages what the law is.
+    The class or function is called without arguments. The first line of its docstring describes the
+    law in messages. docs/contact.md.
 
-    Raises `ValueError` where there is such a name already.
+    Args:
+        name: the name by which `contact_state(law=...)` and `--law` take the law.
+
+    Returns:
+        A decorator that registers the class or function and returns it unchanged.
+
+    Raises:
+        ValueError: there is a law of that name already.
     """
     if name in _LAWS:
         raise ValueError(f"belt_law: there is a law {name!r} already; choose another name.")
@@ -189,9 +195,9 @@ def belt_laws() -> tuple[RegisteredLaw, ...]:
 
 
 def find_belt_law(law: str | AbstractBeltLaw) -> AbstractBeltLaw:
-    """The law itself, or that of a name, its numbers as arrays.
+    """The law, or the registered law of a name, with its numbers as arrays.
 
-    Raises `ValueError`, with a text that lists what there is, for a name that is not registered.
+    Raises `ValueError`, with a text that lists all laws, for a name that is not registered.
     """
     if isinstance(law, str):
         if law not in _LAWS:

@@ -161,8 +161,8 @@ def _bodies(q: Coordinates, loop: Loop, length: Scalar, model: ContactModel, tas
     of = model.bodies
     arm = jnp.sqrt(jnp.maximum(jnp.max(of.carried * _distances(of, model), axis=0), 1e-12))
     size = jnp.mean(loop.C) * jnp.where(of.rotary > 0, arm, 1.0)
-    # What the balance would move beyond a stop stands there: zero exactly where a stop's force,
-    # which only pushes, balances the rest.
+    # A body that the balance would move beyond a stop stands at the stop. The residual is zero
+    # exactly where the stop's force, which only pushes, balances the other forces.
     free = _force(q, loop.push, model, task.held) / size
     balance = jnp.clip(q + free, of.stops[:, 0], of.stops[:, 1]) - q
     apart = q - model.floating * (model.together.T @ (model.first * q))
@@ -173,7 +173,7 @@ def _bodies(q: Coordinates, loop: Loop, length: Scalar, model: ContactModel, tas
 
 
 def _force(q: Coordinates, push: Coordinates, model: ContactModel, held: HeldBelt) -> Coordinates:
-    """Of belt, accessories and springs together on the bodies."""
+    """Force of belt, accessories and springs together on the bodies."""
     return push + held.relaxed - model.K @ q
 
 
