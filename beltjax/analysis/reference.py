@@ -313,7 +313,11 @@ def _bare_state(drive: Drive, loops: Loops, problem: _Problem, drawn: Layout):
     level = jnp.full(len(loops.sizes), problem.scale)
     spare = held_by_tensions(drive, drawn, loops.spread(level))
     holding = _replaced(fits, problem.held, spare)
-    safe = problem._replace(held=holding, at=jnp.where(fits, problem.at, 0.0))
+    safe = problem._replace(
+        held=holding,
+        at=jnp.where(fits, problem.at, 0.0),
+        marks=jnp.where(fits, problem.marks, 0.0),
+    )
     unknown = _root(safe, loops, rest, fits, jnp.concatenate([still, level / problem.scale]))
     at = unknown[:count] * problem.units
     return unknown[count:] * problem.scale, at, holding, result
