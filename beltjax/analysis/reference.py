@@ -230,6 +230,9 @@ def running_string(
     rested = succeeded(rest.result)
     scale = rest.base_tensions[0]
     holding = held(drive, rest.unstretched_lengths, rest.free)
+    # A pulley's torque changes what is left of the tension when the momentum flux is taken off,
+    # of which the flux of a belt that stretches takes a part: docs/theory/bodies.md, (M11).
+    offsets = offsets / (1 - flux / loops.spread(drive.axial_stiffnesses))
     # Bolted bodies stand where they were installed.
     problem = _problem(drive, rest.layout, holding, offsets, moments, scale, rest.installed)
     problem = problem._replace(flux=jnp.where(rested, flux, 0.0))

@@ -1,4 +1,4 @@
-"""Where bodies stand at rest: at stops, and what springs and adjustments cannot hold."""
+"""Where bodies stand at rest and running strings: stops, torques, and what cannot be held."""
 
 import dataclasses
 
@@ -26,6 +26,24 @@ def test_a_floating_arm_is_installed_at_the_stop_that_the_belt_pulls_it_to():
     np.testing.assert_allclose(state.unstretched_length, min(paths) / (1 + strain), rtol=1e-12)
     np.testing.assert_allclose(state.tensions, 300.0, rtol=1e-10)
     assert float(state.stop_reactions[0]) * end < 0
+
+
+def test_torques_of_the_running_string_act_on_what_the_momentum_flux_leaves_of_its_tension():
+    """docs/theory/contact.md, (C2) and (C3): r times the change of P - G V is the torque."""
+    drive, _ = example("three_pulley")
+    string = eqx.tree_at(
+        lambda d: (d.belt.bending_stiffness, d.model),
+        drive,
+        (jnp.array(0.0), bj.Model(1, 1, 1)),
+    )
+    point = bj.OperatingPoint(belt_speed=60.0, torque={"accessory": 4.0})
+    steady = bj.steady_state(string, point)
+    left = np.asarray(steady.running_tensions) * (
+        1 - float(drive.belt.mass_per_length) * 60.0**2 / float(drive.belt.axial_stiffness)
+    )
+    place = drive.pulley("accessory")
+    change = left[place] - left[place - 1]
+    np.testing.assert_allclose(change * float(drive.pulleys[place].radius), 4.0, rtol=1e-10)
 
 
 def test_an_adjustment_that_does_not_exist_has_finite_derivatives(tmp_path):
