@@ -195,8 +195,9 @@ def _steady_state(drive: Drive, point: OperatingPoint, method: AbstractSteadyMet
     result = first_failure(
         (~good, RESULTS.numbers_unusable),
         (~rested, reference.result),
-        *([] if string is None else [(~succeeded(string.result), string.result)]),
+        # A string whose bodies snap away is not found either.
         (solved.unstable, RESULTS.tensioner_unstable),
+        *([] if string is None else [(~succeeded(string.result), string.result)]),
         (solved.slack, RESULTS.span_slack),
         (~solved.converged, RESULTS.steady_state_not_found),
         (jnp.asarray(solved.unresolved), RESULTS.mesh_exhausted),
