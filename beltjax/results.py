@@ -110,8 +110,8 @@ else:
             "the pulleys, the sense in which they are listed, and their faces."
         )
         belt_does_not_fit = (
-            "No arm angle and tension hold this belt on this layout. Check belt_length and "
-            "free_angle, or lower the torques or raise the tension that they move."
+            "No arm angle and tension near the drawn ones hold this belt on this layout. Check "
+            "belt_length and free_angle, or lower the torques or raise the tension that they move."
         )
         belt_too_long = (
             "The belt is too long for this layout: it hangs slack at rest. Shorten belt_length "

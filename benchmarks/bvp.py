@@ -28,10 +28,9 @@ import beltjax as bj  # noqa: E402
 from beltjax.analysis.steady import steady_model  # noqa: E402
 from beltjax.numerics.bvp.gauss import gauss  # noqa: E402
 from beltjax.physics import steady_collocation  # noqa: E402
+from beltjax.validation import cash_mazzia as cm  # noqa: E402
 
 ROOT = Path(__file__).parents[1]
-sys.path.insert(0, str(ROOT / "tests"))
-from numerics.bvp import cash_mazzia as cm  # noqa: E402  # pyright: ignore
 
 BATCH = 256
 TOL = 1e-6

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from beltjax.drive.bodies import bodies, springs
+from beltjax.drive.groups import ways
 from beltjax.drive.installation import AdjustedToMark, AdjustedToTension, BeltGiven, TensionGiven
 from beltjax.drive.layout import Layout, Outline, Path, belt_path, outline
 from beltjax.drive.loops import Loops
@@ -104,11 +105,33 @@ def _relaxed_by(
     stretch = jnp.sum(of.rows * coordinates, axis=1)
     carried = known * of.stiffness * (stretch - set_free)
     left = -pull - jnp.sum(carried[:, None] * of.rows, axis=0)
-    # One of the bodies that float together is taken as the ground: the belts balance on them.
-    square = jnp.einsum("s,sa,sb->ab", sought, of.rows, of.rows) + jnp.diag(of.first)
+    # One of the bodies that float together is taken as the ground: the belts balance on them, or the
+    # stop that one of them touches carries the rest.
+    stopped = of.floating * _touching(bodies(drive).stops, coordinates)
+    earlier = jnp.tril(of.together, -1) @ stopped
+    ground = jnp.where(of.together @ stopped > 0, stopped * (earlier == 0), of.first)
+    square = jnp.einsum("s,sa,sb->ab", sought, of.rows, of.rows) + jnp.diag(ground)
     moves = definite_solve(square, left, 1.0 - locked).solution
     force = sought * jnp.sum(of.rows * moves, axis=1)
     return jnp.where(sought > 0, stretch - force / rates, set_free)
+
+
+def _touching(stops, coordinates) -> Float[Array, " coordinates"]:
+    """1 where a body stands at one of its stops, to rounding."""
+    near = 1e-9 * (1.0 + jnp.abs(coordinates[:, None]))
+    there = jnp.any(jnp.abs(stops - coordinates[:, None]) <= near, axis=1)
+    return jnp.where(there, 1.0, 0.0)
+
+
+def _balanced(drive: Drive, at: Layout | Path, tensions, coordinates, holding: Held, size):
+    """Whether belts and springs hold every body that is neither locked nor at a stop.
+
+    Where positions are given of springs that the tensions settle, they may not.
+    """
+    of = bodies(drive)
+    push = belt_pull(at, tensions) + holding.stiffness @ coordinates - holding.relaxed
+    carried = jnp.maximum(of.locked, _touching(of.stops, coordinates))
+    return jnp.all((jnp.abs(push) <= 1e-7 * size) | (carried > 0))
 
 
 def free_positions(
@@ -128,7 +151,8 @@ def installed_by_tension(drive: Drive, drawn: Layout, loops: Loops) -> Installed
     """The torque-free state for given tensions, with floating and adjusted bodies in place.
 
     Sprung bodies stand as drawn. Those that no spring holds stand where the belts balance on them,
-    and an adjusted body stands where the belt of the given length has its tension.
+    or at the stop that they meet before. An adjusted body stands where the belt of the given length
+    has its tension.
     """
     rule = drive.installation
     assert isinstance(rule, TensionGiven | AdjustedToTension)
@@ -137,12 +161,19 @@ def installed_by_tension(drive: Drive, drawn: Layout, loops: Loops) -> Installed
     still, sure = jnp.zeros(count), jnp.array(True)
     if not count:
         return Installed(still, tensions, held_by_tensions(drive, drawn, of_span), sure)
-    if isinstance(rule, TensionGiven) and rule.as_drawn:
-        held_there = jnp.sum(springs(drive).floating) == 0
-        return Installed(still, tensions, held_by_tensions(drive, drawn, of_span), held_there)
     of, found = outline(drive), springs(drive)
     length = jax.lax.stop_gradient(jnp.mean(drawn.span_lengths))
     units = search_units(of.bodies, length)
+
+    def installed(at, path: Layout | Path, good) -> Installed:
+        holding = held_by_tensions(drive, path, of_span, at)
+        if rule.free is not None:
+            size = of_span[0] * length / units
+            good = good & _balanced(drive, path, of_span, at, holding, size)
+        return Installed(at, tensions, holding, good)
+
+    if isinstance(rule, TensionGiven) and rule.as_drawn:
+        return installed(still, drawn, jnp.sum(found.floating) == 0)
     EA = drive.axial_stiffnesses
     adjusted, wanted = still, jnp.zeros(len(loops.sizes))
     if isinstance(rule, AdjustedToTension):
@@ -161,7 +192,11 @@ def installed_by_tension(drive: Drive, drawn: Layout, loops: Loops) -> Installed
         at = unknown * units
         path = belt_path(of, loops, at)
         pull = belt_pull(path, of_span) * units / (of_span[0] * length)
-        balance = found.together @ pull
+        # Bodies that float together move alike, until the first of them meets a stop.
+        ends = ways(of.bodies.stops, still, units)
+        least = jnp.max(jnp.where(found.together > 0, ends[:, 0], -jnp.inf), axis=1)
+        greatest = jnp.min(jnp.where(found.together > 0, ends[:, 1], jnp.inf), axis=1)
+        balance = unknown - jnp.clip(unknown - found.together @ pull, least, greatest)
         first_of = found.together.T @ (found.first * unknown)
         short = jnp.sum(moved * (unstretched(EA, path, of_span, loops) - wanted)) / length
         rest = jnp.where(found.first > 0, balance, unknown - found.floating * first_of)
@@ -178,5 +213,4 @@ def installed_by_tension(drive: Drive, drawn: Layout, loops: Loops) -> Installed
     # Where nothing floats the residual is not solved: it is held at the drawn position.
     safe = jax.tree.map(lambda x: jnp.where(needed & good, x, jax.lax.stop_gradient(x)), args)
     at = jnp.where(needed & good, implicit_root(residual, safe, root), 0.0) * units
-    path = belt_path(of, loops, at)
-    return Installed(at, tensions, held_by_tensions(drive, path, of_span, at), good)
+    return installed(at, belt_path(of, loops, at), good)

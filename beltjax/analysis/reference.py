@@ -256,6 +256,9 @@ def running_string(
     rested = succeeded(rest.result)
     scale = rest.base_tensions[0]
     holding = held(drive, rest.unstretched_lengths, rest.free)
+    # A pulley's torque changes what is left of the tension when the momentum flux is taken off,
+    # of which the flux of a belt that stretches takes a part: docs/theory/bodies.md, (M11).
+    offsets = offsets / (1 - flux / loops.spread(drive.axial_stiffnesses))
     # Bolted bodies stand where they were installed.
     problem = _problem(drive, rest.layout, holding, offsets, moments, scale, rest.installed)
     problem = problem._replace(flux=jnp.where(rested, flux, 0.0))
@@ -356,7 +359,11 @@ def _bare_state(
     level = jnp.full(len(loops.sizes), problem.scale)
     spare = held_by_tensions(drive, drawn, loops.spread(level))
     holding = _replaced(fits, problem.held, spare)
-    safe = problem._replace(held=holding, at=jnp.where(fits, problem.at, 0.0))
+    safe = problem._replace(
+        held=holding,
+        at=jnp.where(fits, problem.at, 0.0),
+        marks=jnp.where(fits, problem.marks, 0.0),
+    )
     unknown = _root(safe, loops, rest, fits, jnp.concatenate([still, level / problem.scale]))
     at = unknown[:count] * problem.units
     return unknown[count:] * problem.scale, at, holding, result

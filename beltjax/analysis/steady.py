@@ -139,12 +139,14 @@ class SteadyState(Readable):
     coupling: Float[Array, " spans"]  # Gamma_i
     tension_change: Float[
         Array, "*belts"
-    ]  # T, gained by every span, over P0; of several belts each
+    ]  # T, gained by every span, over P0; of several belts each. See `running_tensions`.
     coordinate_change: Float[Array, " coordinates"]  # from the reference state [rad] or [m]
     # The change from the state in which `groups` are taken: the reference state, or under
     # `stretching_arcs` the running string, from whose spans deflections are then counted.
     deviation: Float[Array, " coordinates"]
-    running_tensions: Float[Array, " spans"]  # P_i + T P0 [N]
+    # P_i + T P0 [N]; under `stretching_arcs` torques let the spans gain slightly different
+    # tensions, whose mean over the belt is then T.
+    running_tensions: Float[Array, " spans"]
     effective_tensions: Float[Array, " spans"]  # Q_i = P_i - m c^2 + T, over P0
     # eta of the string at rest (3.95), 0 without a tensioner; of several belts the matrix whose
     # entry [b, c] says what the speed of belt c does to the tension of belt b.
@@ -243,8 +245,9 @@ def _steady_state(drive: Drive, point: OperatingPoint, method: AbstractSteadyMet
     result = first_failure(
         (~good, RESULTS.numbers_unusable),
         (~rested, reference.result),
-        *([] if string is None else [(~succeeded(string.result), string.result)]),
+        # A string whose bodies snap away is not found either.
         (solved.unstable, RESULTS.tensioner_unstable),
+        *([] if string is None else [(~succeeded(string.result), string.result)]),
         (solved.slack, RESULTS.span_slack),
         (~solved.converged, RESULTS.steady_state_not_found),
         (jnp.asarray(solved.unresolved), RESULTS.mesh_exhausted),
@@ -257,9 +260,9 @@ def _steady_state(drive: Drive, point: OperatingPoint, method: AbstractSteadyMet
     stiffness_ratios = reach / groups.radius_ratios
     stiff = runs & (jnp.max(stiffness_ratios) > STIFFEST)
     far = runs & jnp.any(jnp.abs(solved.q) > FARTHEST)
-    # All spans of a belt gain the same tension.
-    gained = groups.tensions[loops.starts] - begin.resting.P[loops.starts] + solved.T
-    change = jnp.where(runs, gained, 0.0)
+    gained = groups.tensions - begin.resting.P + loops.spread(solved.T)
+    gained = jnp.where(runs, gained, 0.0)
+    change = loops.sums(gained) / jnp.asarray(loops.sizes)
     deviation = jnp.where(runs, solved.q, 0.0) * groups.units
     moved = deviation
     if string is not None:
@@ -273,7 +276,7 @@ def _steady_state(drive: Drive, point: OperatingPoint, method: AbstractSteadyMet
         tension_change=change[0] if single else change,
         coordinate_change=moved,
         deviation=deviation,
-        running_tensions=reference.tensions + loops.spread(change) * scales.tension,
+        running_tensions=reference.tensions + gained * scales.tension,
         effective_tensions=Q,
         effectiveness=jnp.where(rested, effectiveness[0, 0] if single else effectiveness, 0.0),
         at_stop=jnp.where(runs, solved.held, 0.0),

@@ -61,8 +61,17 @@ def test_the_page_lists_every_quantity():
 MODEL = dict.fromkeys(("arm_curvature", "stretching_arcs", "belt_inertia"), False)
 
 
-def test_the_front_of_a_study_is_documented():
-    documented("pareto", complete(pareto_document(FRONT) | {"model": MODEL}))
+def test_the_front_of_a_study_has_the_documented_keys_and_all_of_them():
+    document = complete(pareto_document(FRONT) | {"model": MODEL})
+    documented("pareto", document)
+    for key in document:
+        rest = {other: value for other, value in document.items() if other != key}
+        (missing,) = validator("pareto").iter_errors(rest)
+        assert missing.message == f"{key!r} is a required property"
+    assert document["points"][0]["objectives"] == {
+        "coupling": 3.1,
+        "-tensioner_effectiveness": -0.8,
+    }
 
 
 @pytest.mark.parametrize(

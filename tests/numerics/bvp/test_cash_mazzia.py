@@ -5,8 +5,8 @@ import pytest
 
 from beltjax.numerics.bvp.continuation import continue_bvp
 from beltjax.results import RESULTS
-from numerics.bvp import cash_mazzia as cm
-from numerics.bvp.cash_mazzia_references import REFERENCES, points
+from beltjax.validation import cash_mazzia as cm
+from beltjax.validation.cash_mazzia_references import REFERENCES, points
 
 TOL = 1e-6
 RUNGS = 10

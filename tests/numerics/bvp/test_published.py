@@ -10,8 +10,8 @@ import scipy.special
 from beltjax.numerics.bvp.continuation import continue_bvp
 from beltjax.numerics.bvp.solve import solve_bvp
 from beltjax.results import RESULTS
+from beltjax.validation.cash_mazzia_references import SWIRL, SWIRL_POINTS
 from numerics.bvp import bvp_problems as problems
-from numerics.bvp.cash_mazzia_references import SWIRL, SWIRL_POINTS
 
 NODES = 65
 X = np.linspace(0.0, 1.0, 41)

@@ -7,7 +7,7 @@ than 3e-9 from its own solution at tolerance 1e-7.
 import numpy as np
 
 
-def points(eps):
+def points(eps: float) -> np.ndarray:
     """Inside the layers and outside."""
     if eps > 0.05:
         return np.array([0.1, 0.25, 0.5, 0.75, 0.9, 0.99])
