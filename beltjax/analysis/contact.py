@@ -12,13 +12,13 @@ from beltjax.analysis.installed import free_positions, held, held_by_tensions, i
 from beltjax.analysis.reference import LARGEST_STRAIN, resting
 from beltjax.compiling.batched_loops import in_lanes_of
 from beltjax.compiling.quick import boundary_jit
+from beltjax.drive.assembly import Assembly, assembled
 from beltjax.drive.canonical import canonical
 from beltjax.drive.components import as_real, concrete
 from beltjax.drive.contact_groups import ContactGroups, TravelOrder, contact_groups
 from beltjax.drive.groups import Scales
 from beltjax.drive.installation import AdjustedToMark, AdjustedToTension, BeltGiven, TensionGiven
 from beltjax.drive.layout import Layout, layout
-from beltjax.drive.loops import Loops
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.placeholders import harmless, usable
 from beltjax.drive.readable import Readable
@@ -206,11 +206,10 @@ def contact_solution(
     """`contact_state` or `maximum_moment`, whose failures are in its result alone."""
     good = usable(drive, point)
     drive, point = harmless(drive, point, good)
-    drawn = layout(drive, throw=False)
-    drawable = succeeded(drawn.result)
-    drive, point = harmless(drive, point, drawable)
-    drive = _with_belt_of_the_string(drive, drawn)
-    start = _installed(drive, point, drawn)
+    drawable = layout(drive, throw=False).result
+    drive, point = harmless(drive, point, succeeded(drawable))
+    made = _with_belt_of_the_string(assembled(drive, point))
+    drive, drawn, start = made.drive, made.drawn, _installed(made)
     taken, scalable = _torques(drive, point, start.tension, maximum)
     groups, scales = contact_groups(drive, point, taken, start.tension)
     model = contact_model(groups, law)
@@ -224,7 +223,7 @@ def contact_solution(
     moved = layout(drive, solved.unknown.q * groups.units, throw=False)
     missing = first_failure(
         (~good, RESULTS.numbers_unusable),
-        (~drawable, drawn.result),
+        (~succeeded(drawable), drawable),
         (~scalable, RESULTS.no_torque_to_scale),
         (~(solved.converged & rested) & _too_stiff(model), RESULTS.belt_too_stiff),
         (~solved.converged & ~succeeded(start.result), start.result),
@@ -260,31 +259,33 @@ class _Start(NamedTuple):
     result: RESULTS  # of the string
 
 
-def _with_belt_of_the_string(drive: Drive, drawn: Layout) -> Drive:
-    """`drive`; a tension of a string is replaced by the belt and the springs that give it."""
-    rule = drive.installation
+def _with_belt_of_the_string(made: Assembly) -> Assembly:
+    """`made`; where its tension is that of a string, with the belt and springs that gives it."""
+    rule = made.rule
     if not isinstance(rule, TensionGiven) or rule.tension_of != "string":
-        return drive
-    tension = jnp.full_like(drawn.span_lengths, rule.tension)
-    string = held_by_tensions(drive, drawn, tension)
+        return made
+    tension = jnp.full_like(made.drawn.span_lengths, rule.tension)
+    string = held_by_tensions(made, made.drawn, tension, made.still)
     free = string.free if len(string.free) else None
-    return dataclasses.replace(drive, installation=BeltGiven(string.lengths[0], free=free))
+    given = BeltGiven(string.lengths[0], free=free)
+    return made._replace(drive=dataclasses.replace(made.drive, installation=given))
 
 
-def _installed(drive: Drive, point: OperatingPoint, drawn: Layout) -> _Start:
-    rule, still = drive.installation, jnp.zeros(len(drive.tensioners))
+def _installed(made: Assembly) -> _Start:
+    """The belt that the installation gives, and the start of a search for its contact."""
+    rule, still = made.rule, made.still
     fixed = jax.lax.stop_gradient
     if isinstance(rule, TensionGiven | AdjustedToTension):
-        place = installed_by_tension(drive, drawn, Loops(drive.loop_sizes))
+        place = installed_by_tension(made)
         at = fixed(jnp.where(place.converged, place.coordinates, 0.0))
         length = rule.belt_length if isinstance(rule, AdjustedToTension) else jnp.ones(())
         return _Start(rule.tension, at, length, still, at, RESULTS.successful)
-    string = resting(drive, point)
+    string = resting(made)
     rested = succeeded(string.result)
     at, bare = (
         fixed(jnp.where(rested, places, 0.0)) for places in (string.coordinates, string.installed)
     )
-    springs_of = held(drive, rule.belt_length[None], free_positions(drive, drawn, rule))
+    springs_of = held(made, rule.belt_length[None], free_positions(made, rule))
     tension = fixed(string.base_tension)
     return _Start(tension, at, rule.belt_length, springs_of.relaxed, bare, string.result)
 

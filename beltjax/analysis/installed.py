@@ -6,12 +6,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from beltjax.drive.bodies import bodies, springs
+from beltjax.drive.assembly import Assembly
 from beltjax.drive.groups import ways
 from beltjax.drive.installation import AdjustedToMark, AdjustedToTension, BeltGiven, TensionGiven
-from beltjax.drive.layout import Layout, Outline, Path, belt_path, outline
-from beltjax.drive.loops import Loops
-from beltjax.drive.system import Drive
+from beltjax.drive.layout import Layout, Outline, Path, belt_path, unstretched_lengths
 from beltjax.numerics.definite import definite_solve
 from beltjax.numerics.rigid_bodies import Bodies
 from beltjax.numerics.roots import implicit_root, system_root
@@ -42,61 +40,41 @@ def belt_pull(at: Layout | Path, tensions: Float[Array, " spans"]) -> Float[Arra
     return jnp.sum(tensions[:, None] * at.span_pulls, axis=0)
 
 
-def unstretched(
-    EA: Float[Array, " belts"], at: Layout | Path, tensions: Float[Array, " spans"], loops: Loops
-) -> Float[Array, " belts"]:
-    """Unstretched length of the belts on this path at these tensions (R3).
-
-    On a pulley's arc the tension is the mean of the adjacent spans', an assumption of (R3).
-    """
-    of_span = loops.spread(EA)
-    arcs = (tensions + loops.preceding(tensions)) / 2
-    spans = at.span_lengths / (1 + tensions / of_span)
-    return loops.sums(spans + at.arc_lengths / (1 + arcs / of_span))
-
-
 def search_units(of: Bodies, length: Float[Array, ""]) -> Float[Array, " coordinates"]:
     """Units of the coordinates in a search: 1 rad, or the mean span length."""
     return jax.lax.stop_gradient(jnp.where(of.rotary > 0, 1.0, length))
 
 
-def held(drive: Drive, lengths: Float[Array, " belts"], free: Float[Array, " springs"]) -> Held:
+def held(made: Assembly, lengths: Float[Array, " belts"], free: Float[Array, " springs"]) -> Held:
     """The `Held` of belts with these lengths and springs relaxed at these positions."""
-    of = springs(drive)
+    of = made.springs
     relaxed = jnp.sum((of.stiffness * free)[:, None] * of.rows, axis=0)
     return Held(lengths, free, of.matrix, relaxed)
 
 
 def held_by_tensions(
-    drive: Drive,
+    made: Assembly,
     at: Layout | Path,
     tensions: Float[Array, " spans"],
-    coordinates: Float[Array, " coordinates"] | None = None,
+    coordinates: Float[Array, " coordinates"],
 ) -> Held:
-    """Belts and springs for which this layout is at rest with these tensions.
-
-    `coordinates` are those of the layout; they are zero unless given.
-    """
-    loops = Loops(drive.loop_sizes)
-    EA = drive.axial_stiffnesses
-    if coordinates is None:
-        coordinates = jnp.zeros(len(drive.tensioners))
-    free = _relaxed_by(drive, belt_pull(at, tensions), coordinates)
-    return held(drive, unstretched(EA, at, tensions, loops), free)
+    """Belts and springs for which this layout, of these coordinates, is at rest."""
+    free = _relaxed_by(made, belt_pull(at, tensions), coordinates)
+    return held(made, unstretched_lengths(made.EA, at, tensions, made.loops), free)
 
 
 def _relaxed_by(
-    drive: Drive, pull: Float[Array, " coordinates"], coordinates: Float[Array, " coordinates"]
+    made: Assembly, pull: Float[Array, " coordinates"], coordinates: Float[Array, " coordinates"]
 ) -> Float[Array, " springs"]:
     """Relaxed positions of springs that hold the bodies against this pull of the belts.
 
     Where there are more springs than the pull determines, those whose free position is given keep
     it.
     """
-    of, rule, locked = springs(drive), drive.installation, bodies(drive).locked
+    of, locked = made.springs, made.bodies.locked
     if not len(locked):
         return jnp.zeros(0)
-    given = getattr(rule, "free", None)
+    given = getattr(made.rule, "free", None)
     known = jnp.zeros(len(of.stiffness)) if given is None else jnp.where(jnp.isnan(given), 0, 1)
     set_free = jnp.zeros_like(of.stiffness) if given is None else jnp.where(known > 0, given, 0.0)
     fixed = jax.lax.stop_gradient
@@ -105,9 +83,9 @@ def _relaxed_by(
     stretch = jnp.sum(of.rows * coordinates, axis=1)
     carried = known * of.stiffness * (stretch - set_free)
     left = -pull - jnp.sum(carried[:, None] * of.rows, axis=0)
-    # One of the bodies that float together is taken as the ground: the belts balance on them, or the
-    # stop that one of them touches carries the rest.
-    stopped = of.floating * _touching(bodies(drive).stops, coordinates)
+    # One of the bodies that float together is taken as the ground: the belts balance on them, or
+    # the stop that one of them touches carries the rest.
+    stopped = of.floating * _touching(made.bodies.stops, coordinates)
     earlier = jnp.tril(of.together, -1) @ stopped
     ground = jnp.where(of.together @ stopped > 0, stopped * (earlier == 0), of.first)
     square = jnp.einsum("s,sa,sb->ab", sought, of.rows, of.rows) + jnp.diag(ground)
@@ -116,65 +94,66 @@ def _relaxed_by(
     return jnp.where(sought > 0, stretch - force / rates, set_free)
 
 
-def _touching(stops, coordinates) -> Float[Array, " coordinates"]:
+def _touching(
+    stops: Float[Array, "coordinates 2"], coordinates: Float[Array, " coordinates"]
+) -> Float[Array, " coordinates"]:
     """1 where a body stands at one of its stops, to rounding."""
     near = 1e-9 * (1.0 + jnp.abs(coordinates[:, None]))
     there = jnp.any(jnp.abs(stops - coordinates[:, None]) <= near, axis=1)
     return jnp.where(there, 1.0, 0.0)
 
 
-def _balanced(drive: Drive, at: Layout | Path, tensions, coordinates, holding: Held, size):
-    """Whether belts and springs hold every body that is neither locked nor at a stop.
+def _balanced(
+    of: Bodies,
+    pull: Float[Array, " coordinates"],
+    coordinates: Float[Array, " coordinates"],
+    holding: Held,
+    size: Float[Array, " coordinates"],
+) -> Bool[Array, ""]:
+    """Whether the springs hold every body that is neither locked nor at a stop against this pull.
 
-    Where positions are given of springs that the tensions settle, they may not.
+    Where the positions of springs are given that the tensions determine, they may not.
     """
-    of = bodies(drive)
-    push = belt_pull(at, tensions) + holding.stiffness @ coordinates - holding.relaxed
+    push = pull + holding.stiffness @ coordinates - holding.relaxed
     carried = jnp.maximum(of.locked, _touching(of.stops, coordinates))
     return jnp.all((jnp.abs(push) <= 1e-7 * size) | (carried > 0))
 
 
-def free_positions(
-    drive: Drive, drawn: Layout, rule: BeltGiven | AdjustedToMark
-) -> Float[Array, " springs"]:
+def free_positions(made: Assembly, rule: BeltGiven | AdjustedToMark) -> Float[Array, " springs"]:
     """Positions at which the rule says that the springs are relaxed, from the drawn positions."""
     angle = getattr(rule, "free_angle", None)
     if angle is not None:
         # Whole turns are kept: a soft spring is wound by more than half a turn.
-        return (angle - drawn.arm_angle)[None]
+        return (angle - made.drawn.arm_angle)[None]
     if rule.free is None:
         return jnp.zeros(0)
     return jnp.where(jnp.isnan(rule.free), 0.0, rule.free)
 
 
-def installed_by_tension(drive: Drive, drawn: Layout, loops: Loops) -> Installed:
+def installed_by_tension(made: Assembly) -> Installed:
     """The torque-free state for given tensions, with floating and adjusted bodies in place.
 
     Sprung bodies stand as drawn. Those that no spring holds stand where the belts balance on them,
     or at the stop that they meet before. An adjusted body stands where the belt of the given length
     has its tension.
     """
-    rule = drive.installation
+    rule, loops, of, found, still = made.rule, made.loops, made.outline, made.springs, made.still
     assert isinstance(rule, TensionGiven | AdjustedToTension)
     tensions = jnp.broadcast_to(rule.tension, (len(loops.sizes),))
-    of_span, count = loops.spread(tensions), len(drive.tensioners)
-    still, sure = jnp.zeros(count), jnp.array(True)
-    if not count:
-        return Installed(still, tensions, held_by_tensions(drive, drawn, of_span), sure)
-    of, found = outline(drive), springs(drive)
-    length = jax.lax.stop_gradient(jnp.mean(drawn.span_lengths))
+    of_span, length, count = loops.spread(tensions), made.mean_length, len(still)
     units = search_units(of.bodies, length)
 
-    def installed(at, path: Layout | Path, good) -> Installed:
-        holding = held_by_tensions(drive, path, of_span, at)
+    def installed(
+        at: Float[Array, " coordinates"], path: Layout | Path, good: Bool[Array, ""]
+    ) -> Installed:
+        holding = held_by_tensions(made, path, of_span, at)
         if rule.free is not None:
-            size = of_span[0] * length / units
-            good = good & _balanced(drive, path, of_span, at, holding, size)
+            size, pull = of_span[0] * length / units, belt_pull(path, of_span)
+            good = good & _balanced(of.bodies, pull, at, holding, size)
         return Installed(at, tensions, holding, good)
 
-    if isinstance(rule, TensionGiven) and rule.as_drawn:
-        return installed(still, drawn, jnp.sum(found.floating) == 0)
-    EA = drive.axial_stiffnesses
+    if not count or (isinstance(rule, TensionGiven) and rule.as_drawn):
+        return installed(still, made.drawn, jnp.sum(found.floating) == 0)
     adjusted, wanted = still, jnp.zeros(len(loops.sizes))
     if isinstance(rule, AdjustedToTension):
         adjusted = jax.lax.stop_gradient(rule.adjusted)
@@ -198,11 +177,11 @@ def installed_by_tension(drive: Drive, drawn: Layout, loops: Loops) -> Installed
         greatest = jnp.min(jnp.where(found.together > 0, ends[:, 1], jnp.inf), axis=1)
         balance = unknown - jnp.clip(unknown - found.together @ pull, least, greatest)
         first_of = found.together.T @ (found.first * unknown)
-        short = jnp.sum(moved * (unstretched(EA, path, of_span, loops) - wanted)) / length
+        short = jnp.sum(moved * (unstretched_lengths(EA, path, of_span, loops) - wanted)) / length
         rest = jnp.where(found.first > 0, balance, unknown - found.floating * first_of)
         return jnp.where(adjusted > 0, short, rest)
 
-    args = of, EA, wanted, of_span
+    args = of, made.EA, wanted, of_span
     fixed = jax.lax.stop_gradient(args)
     needed = jnp.any(found.floating + adjusted > 0)
     search = system_root(

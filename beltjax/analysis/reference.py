@@ -19,10 +19,9 @@ from beltjax.analysis.installed import (
     held_by_tensions,
     installed_by_tension,
     search_units,
-    unstretched,
 )
 from beltjax.compiling.quick import boundary_jit
-from beltjax.drive.bodies import bodies, springs
+from beltjax.drive.assembly import Assembly, assembled
 from beltjax.drive.canonical import canonical
 from beltjax.drive.groups import ways
 from beltjax.drive.installation import (
@@ -30,12 +29,11 @@ from beltjax.drive.installation import (
     AdjustedToTension,
     TensionGiven,
 )
-from beltjax.drive.layout import Layout, Outline, Path, belt_path, layout, outline
+from beltjax.drive.layout import Layout, Outline, Path, belt_path, unstretched_lengths
 from beltjax.drive.loops import Loops
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.placeholders import harmless, usable
 from beltjax.drive.readable import Readable
-from beltjax.drive.shafts import Transmission, transmission
 from beltjax.drive.system import Drive
 from beltjax.numerics.definite import definite_solve
 from beltjax.numerics.roots import implicit_root, system_root
@@ -174,102 +172,88 @@ def reference_state(drive: Drive, point: OperatingPoint, *, throw: bool = True) 
 @boundary_jit
 def _reference_state(drive: Drive, point: OperatingPoint) -> ReferenceState:
     good = usable(drive, point)
-    state = resting(*harmless(drive, point, good))
+    state = resting(assembled(*harmless(drive, point, good)))
     result = first_failure((~good, RESULTS.numbers_unusable), (good, state.result))
     return frozen_where_failed(eqx.tree_at(lambda s: s.result, state, result), result)
 
 
-def resting(drive: Drive, point: OperatingPoint) -> ReferenceState:
+def resting(made: Assembly) -> ReferenceState:
     """`reference_state` of usable numbers; failed lanes still carry derivatives."""
-    drawn = layout(drive, throw=False)
-    rule = drive.installation
+    rule = made.rule
     if isinstance(rule, TensionGiven) and rule.span_tensions is not None:
-        return _printed_state(drive, point, drawn, rule.tension, rule.span_tensions)
-    return _solved_state(drive, point, drawn)
+        return _printed_state(made, rule.tension, rule.span_tensions)
+    return _solved_state(made)
 
 
 def _printed_state(
-    drive: Drive,
-    point: OperatingPoint,
-    drawn: Layout,
-    tension: Float[Array, "*belts"],
-    tensions: Float[Array, " spans"],
+    made: Assembly, tension: Float[Array, "*belts"], tensions: Float[Array, " spans"]
 ) -> ReferenceState:
     """The drawn layout with every tension given; torques are not used."""
-    holding = held_by_tensions(drive, drawn, tensions)
-    stops, still = bodies(drive).stops, jnp.zeros_like(drawn.coordinates)
+    drawn, still, stops = made.drawn, made.still, made.bodies.stops
+    holding = held_by_tensions(made, drawn, tensions, still)
     result = first_failure(
         (~succeeded(drawn.result), drawn.result),
         (jnp.any(tensions <= 0), RESULTS.span_slack),
         (jnp.any((stops[:, 0] > 0) | (stops[:, 1] < 0)), RESULTS.arm_at_stop),
     )
-    base = jnp.broadcast_to(tension, (len(drive.belts),))
-    none = jnp.zeros(())
-    rest = _Rest(still, jnp.array(True), none, jnp.array(0))
-    driven, stands = transmission(drive, point), _Standing(drawn, tensions, 0.0, still, still)
-    return _state(drive, driven, drawn, stands, base, still, holding, rest, result)
+    base = jnp.broadcast_to(tension, made.EA.shape)
+    rest = _Rest(still, jnp.array(True), jnp.zeros(()), jnp.array(0))
+    stands = _Standing(drawn, tensions, 0.0, still, still)
+    return _state(made, stands, base, still, holding, rest, result)
 
 
-def _solved_state(drive: Drive, point: OperatingPoint, drawn: Layout) -> ReferenceState:
+def _solved_state(made: Assembly) -> ReferenceState:
     """The state for which (M6) and (R3) are solved, first without torques and then with them."""
-    loops, rule, driven = Loops(drive.loop_sizes), drive.installation, transmission(drive, point)
-    offsets, moments = _tension_offsets(drive, driven, loops), _housed_moments(drive, driven)
-    still = jnp.zeros_like(drawn.coordinates)
+    loops, rule, drawn, still = made.loops, made.rule, made.drawn, made.still
     fits = succeeded(drawn.result)
     if isinstance(rule, TensionGiven | AdjustedToTension):
-        place = installed_by_tension(drive, drawn, loops)
+        place = installed_by_tension(made)
         base, at, holding = place.tensions, place.coordinates, place.held
         bare = first_failure((~fits, drawn.result), (~place.converged, RESULTS.belt_does_not_fit))
     else:
-        lengths = jnp.broadcast_to(rule.belt_length, (len(loops.sizes),))
-        holding = held(drive, lengths, free_positions(drive, drawn, rule))
-        scale = _likely_tension(drive)
-        unloaded = _problem(drive, drawn, holding, jnp.zeros_like(offsets), still, scale, still)
-        base, at, holding, bare = _bare_state(drive, loops, unloaded, drawn)
+        lengths = jnp.broadcast_to(rule.belt_length, made.EA.shape)
+        holding = held(made, lengths, free_positions(made, rule))
+        base, at, holding, bare = _bare_state(made, holding)
     fits = succeeded(bare)
     scale = base[0]
-    zero = jnp.where(fits, 1.0, 0.0)
-    problem = _problem(drive, drawn, holding, offsets * zero, moments * zero, scale, at)
+    problem = _problem(made, holding, scale, at, jnp.where(fits, 1.0, 0.0))
     start = jnp.concatenate([at / problem.units, base / scale])
     rest = _search(problem, loops, start)
     good = fits & rest.found
-    spare = held_by_tensions(drive, drawn, loops.spread(base))
+    spare = held_by_tensions(made, drawn, loops.spread(base), still)
     problem = _harmless(problem, good, spare, still)
     unknown = _root(problem, loops, rest, good, jnp.concatenate([still, base / scale]))
-    stands = _standing(drive, problem, loops, unknown, good)
+    stands = _standing(made, problem, unknown, good)
     result = first_failure(
         (~fits, bare),
         (~rest.found, RESULTS.belt_does_not_fit),
         (~succeeded(stands.layout.result), stands.layout.result),
         (jnp.any(stands.tensions <= 0), RESULTS.span_slack),
-        (~_is_stable(drive, stands), RESULTS.tensioner_unstable),
+        (~_is_stable(made, stands), RESULTS.tensioner_unstable),
     )
-    return _state(drive, driven, drawn, stands, base, at, problem.held, rest, result)
+    return _state(made, stands, base, at, problem.held, rest, result)
 
 
 def running_string(
-    drive: Drive, point: OperatingPoint, rest: ReferenceState, flux: Float[Array, " spans"]
+    made: Assembly, rest: ReferenceState, flux: Float[Array, " spans"]
 ) -> RunningString:
     """The belts of a reference state running as strings, where m c^2 is `flux` [N]."""
-    loops, driven = Loops(drive.loop_sizes), transmission(drive, point)
-    offsets, moments = _tension_offsets(drive, driven, loops), _housed_moments(drive, driven)
-    rested = succeeded(rest.result)
-    scale = rest.base_tensions[0]
-    holding = held(drive, rest.unstretched_lengths, rest.free)
+    loops, rested, scale = made.loops, succeeded(rest.result), rest.base_tensions[0]
+    holding = held(made, rest.unstretched_lengths, rest.free)
     # A pulley's torque changes what is left of the tension when the momentum flux is taken off,
     # of which the flux of a belt that stretches takes a part: docs/theory/bodies.md, (M11).
-    offsets = offsets / (1 - flux / loops.spread(drive.axial_stiffnesses))
+    offsets = made.offsets / (1 - flux / loops.spread(made.EA))
     # Bolted bodies stand where they were installed.
-    problem = _problem(drive, rest.layout, holding, offsets, moments, scale, rest.installed)
-    problem = problem._replace(flux=jnp.where(rested, flux, 0.0))
+    problem = _problem(made, holding, scale, rest.installed)
+    problem = problem._replace(offsets=offsets, flux=jnp.where(rested, flux, 0.0))
     levels = (rest.tensions - offsets)[loops.starts] / scale
     start = jnp.concatenate([rest.coordinates / problem.units, levels])
     found = _search(problem, loops, start)
     good = rested & found.found
     level = loops.spread(rest.base_tensions)
-    spare = held_by_tensions(drive, rest.layout, level, rest.coordinates)
+    spare = held_by_tensions(made, rest.layout, level, rest.coordinates)
     problem = _harmless(problem, good, spare, rest.coordinates)
-    runs = _standing(drive, problem, loops, _root(problem, loops, found, good, start), good)
+    runs = _standing(made, problem, _root(problem, loops, found, good, start), good)
     result = first_failure(
         (~found.found, RESULTS.steady_state_not_found),
         (~succeeded(runs.layout.result), runs.layout.result),
@@ -280,16 +264,12 @@ def running_string(
 
 
 def _standing(
-    drive: Drive,
-    problem: _Problem,
-    loops: Loops,
-    unknown: Float[Array, " unknowns"],
-    good: Bool[Array, ""],
+    made: Assembly, problem: _Problem, unknown: Float[Array, " unknowns"], good: Bool[Array, ""]
 ) -> _Standing:
     """The drive at the root of a problem; stops hold nothing where that is not `good`."""
-    count = len(problem.fixed)
+    count, loops = len(problem.fixed), made.loops
     place = unknown[:count] * problem.units
-    at = layout(drive, place, throw=False)
+    at = made.layout(place)
     tensions = loops.spread(unknown[count:]) * problem.scale + problem.offsets
     momentum = _momentum(tensions, problem, loops)
     push = _push(at, place, tensions - momentum, problem)
@@ -308,44 +288,43 @@ def _harmless(
 
 
 def _problem(
-    drive: Drive,
-    drawn: Layout,
+    made: Assembly,
     held: Held,
-    offsets: Float[Array, " spans"],
-    moments: Float[Array, " coordinates"],
     scale: Float[Array, ""],
     at: Float[Array, " coordinates"],
+    load: Float[Array, ""] | float = 1.0,
 ) -> _Problem:
-    """The problem of a drive at rest, with locked bodies standing at `at`."""
-    of, count = outline(drive), len(drive.tensioners)
+    """The problem of a drive under this part of its torques, locked bodies standing at `at`."""
+    count = len(made.still)
     return _Problem(
-        outline=of,
+        outline=made.outline,
         held=held,
-        offsets=offsets,
-        moments=moments,
+        offsets=made.offsets * load,
+        moments=made.moments * load,
         scale=scale,
-        length=jax.lax.stop_gradient(jnp.mean(drawn.span_lengths)),
-        EA=drive.axial_stiffnesses,
-        fixed=of.bodies.locked,
+        length=made.mean_length,
+        EA=made.EA,
+        fixed=made.bodies.locked,
         at=at,
         marks=jnp.zeros((count, count)),
     )
 
 
 def _bare_state(
-    drive: Drive, loops: Loops, problem: _Problem, drawn: Layout
+    made: Assembly, holding: Held
 ) -> tuple[Float[Array, " belts"], Float[Array, " coordinates"], Held, RESULTS]:
     """Tensions and coordinates of given belts without torques, and whether they fit.
 
     Where they do not fit, the tensions are harmless positive numbers without derivative.
     """
-    rule = drive.installation
+    rule, loops, drawn, still = made.rule, made.loops, made.drawn, made.still
+    problem = _problem(made, holding, _likely_tension(made), still, 0.0)
     if isinstance(rule, AdjustedToMark):
         adjusted, marked = map(jax.lax.stop_gradient, (rule.adjusted, rule.marked))
         problem = problem._replace(
             marks=adjusted[:, None] * (marked - adjusted), at=problem.at + adjusted * rule.mark
         )
-    count, still = len(drive.tensioners), jnp.zeros_like(drawn.coordinates)
+    count = len(still)
     start = jnp.concatenate([still, jnp.ones(len(loops.sizes))])
     rest = _search(problem, loops, start)
     tensions = rest.root[count:] * problem.scale
@@ -357,7 +336,7 @@ def _bare_state(
     )
     fits = jax.lax.stop_gradient(succeeded(result))
     level = jnp.full(len(loops.sizes), problem.scale)
-    spare = held_by_tensions(drive, drawn, loops.spread(level))
+    spare = held_by_tensions(made, drawn, loops.spread(level), still)
     holding = _replaced(fits, problem.held, spare)
     safe = problem._replace(
         held=holding,
@@ -375,9 +354,7 @@ def _replaced(good: Bool[Array, ""], held: Held, spare: Held) -> Held:
 
 
 def _state(
-    drive: Drive,
-    driven: Transmission,
-    drawn: Layout,
+    made: Assembly,
     stands: _Standing,
     base: Float[Array, " belts"],
     installed: Float[Array, " coordinates"],
@@ -386,7 +363,8 @@ def _state(
     result: RESULTS,
 ) -> ReferenceState:
     """The result object of a state, from its parts."""
-    single, coordinates = len(drive.tensioners) == 1, stands.layout.coordinates
+    drawn, coordinates = made.drawn, stands.layout.coordinates
+    single = len(coordinates) == 1
     return ReferenceState(
         layout=stands.layout,
         tensions=stands.tensions,
@@ -399,43 +377,16 @@ def _state(
         arm_angle=drawn.arm_angle + coordinates[0] if single else None,
         free_angle=drawn.arm_angle + holding.free[0] if single else None,
         unstretched_lengths=holding.lengths,
-        torques=driven.torques,
+        torques=made.driven.torques,
         error=rest.residual,
         result=result,
         stats={"steps": rest.steps},
     )
 
 
-def _tension_offsets(drive: Drive, driven: Transmission, loops: Loops) -> Float[Array, " spans"]:
-    """Tension of each span above the mean of those that leave a belt's tensioner pulleys (R2).
-
-    In the direction of travel the span that leaves an accessory carries M/r more than the one
-    before. On a belt without a tensioner the first span is the reference.
-    """
-    steps = driven.travel * driven.torques / drive.radii  # P_i - P_{i-1} at pulley i
-    offsets = jnp.cumsum(steps)
-    first = jnp.zeros(len(offsets)).at[loops.starts].set(1.0)
-    sprung = jnp.sum(bodies(drive).carries, axis=1)
-    weight = jnp.where(loops.spread(loops.sums(sprung)) > 0, sprung, first)
-    level = loops.sums(weight * offsets) / loops.sums(weight)
-    return offsets - loops.spread(level)
-
-
-def _housed_moments(drive: Drive, driven: Transmission) -> Float[Array, " coordinates"]:
-    """Moments of accessories that are bolted to bodies, on each body with which they turn.
-
-    The belt turns the accessory's rotor, and the housing passes that torque on to the body.
-    """
-    of = bodies(drive)
-    housed = jax.lax.stop_gradient(jnp.stack([pulley.housed for pulley in drive.pulleys]))
-    return of.rotary * jnp.sum(
-        (housed * driven.turning * driven.torques)[:, None] * of.carried, axis=0
-    )
-
-
-def _likely_tension(drive: Drive) -> Float[Array, ""]:
+def _likely_tension(made: Assembly) -> Float[Array, ""]:
     """Tension of a belt with a strain of a few thousandths, as a first guess."""
-    return 2.5e-3 * jax.lax.stop_gradient(drive.belt.axial_stiffness)
+    return 2.5e-3 * jax.lax.stop_gradient(made.EA[0])
 
 
 def _push(
@@ -458,7 +409,7 @@ def _residuals(unknown: Float[Array, " unknowns"], problem: _Problem, loops: Loo
     at = belt_path(problem.outline, loops, coordinates)
     tensions = loops.spread(unknown[count:]) * problem.scale + problem.offsets
     pulling = tensions - _momentum(tensions, problem, loops)
-    length = unstretched(problem.EA, at, tensions, loops) - problem.held.lengths
+    length = unstretched_lengths(problem.EA, at, tensions, loops) - problem.held.lengths
     push = _push(at, coordinates, pulling, problem) * units / (problem.scale * problem.length)
     place = (coordinates + problem.marks @ coordinates - problem.at) / units
     # A body that the push would move beyond a stop stands at the stop. The residual is zero exactly
@@ -520,22 +471,19 @@ def _stopped(
     return jnp.where(below, -1.0, jnp.where(above, 1.0, 0.0))
 
 
-def _is_stable(drive: Drive, stands: _Standing) -> Bool[Array, ""]:
+def _is_stable(made: Assembly, stands: _Standing) -> Bool[Array, ""]:
     """Whether springs and belt hold the bodies, that is, the exact stiffness is positive definite.
 
     It is the stiffness at rest, where a belt of given length stretches as the bodies move.
     """
-    at, tensions, locked = stands.layout, stands.tensions, bodies(drive).locked
+    at, tensions, locked = stands.layout, stands.tensions, made.bodies.locked
     if not len(locked):
         return jnp.array(True)
     turns = at.span_turns
     geometric = turns[:, :, None] * turns[:, None, :] / at.span_lengths[:, None, None]
-    A = springs(drive).matrix + jnp.sum(
-        tensions[:, None, None] * (geometric + at.curvatures), axis=0
-    )
-    loops = Loops(drive.loop_sizes)
-    take_up = loops.sums(at.span_pulls)
-    rates = drive.axial_stiffnesses / at.path_lengths
+    A = made.springs.matrix + jnp.sum(tensions[:, None, None] * (geometric + at.curvatures), axis=0)
+    take_up = made.loops.sums(at.span_pulls)
+    rates = made.EA / at.path_lengths
     A = A + jnp.sum(rates[:, None, None] * take_up[:, :, None] * take_up[:, None, :], axis=0)
     moves = (1 - locked) * (stands.at_stop == 0)
     fixed = jax.lax.stop_gradient

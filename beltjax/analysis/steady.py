@@ -16,9 +16,9 @@ from beltjax.analysis.reference import (
     running_string,
 )
 from beltjax.compiling.quick import boundary_jit, usual_promotion
+from beltjax.drive.assembly import Assembly, assembled
 from beltjax.drive.canonical import canonical
 from beltjax.drive.groups import Groups, Scales, groups_and_scales
-from beltjax.drive.loops import Loops
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.placeholders import harmless, usable
 from beltjax.drive.readable import Readable
@@ -235,10 +235,10 @@ def steady_state(
 def _steady_state(drive: Drive, point: OperatingPoint, method: AbstractSteadyMethod) -> SteadyState:
     good = usable(drive, point)
     drive, point = harmless(drive, point, good)
-    reference = resting(drive, point)
+    made = assembled(drive, point)
+    loops, reference = made.loops, resting(made)
     rested = succeeded(reference.result)
-    loops = Loops(drive.loop_sizes)
-    begin = _beginning(drive, point, reference)
+    begin = _beginning(made, reference)
     groups, scales, model, string = begin.groups, begin.scales, begin.model, begin.string
     solved = method.solve(model)
     strain = (groups.tensions + loops.spread(solved.T)) / loops.spread(groups.stretches)
@@ -306,24 +306,24 @@ class _Beginning(NamedTuple):
     string: RunningString | None  # None: the reference state
 
 
-def _beginning(drive: Drive, point: OperatingPoint, reference: ReferenceState) -> _Beginning:
+def _beginning(made: Assembly, reference: ReferenceState) -> _Beginning:
     """The reference state, or where arcs stretch the running string of exact statics."""
-    loops, rested = Loops(drive.loop_sizes), succeeded(reference.result)
+    rested = succeeded(reference.result)
     # The numbers of a drive that cannot rest have no meaning, but must stay finite.
-    level = loops.spread(reference.base_tensions)
+    level = made.loops.spread(reference.base_tensions)
 
     def described(
         state: ReferenceState | RunningString, good: Bool[Array, ""]
     ) -> tuple[Groups, Scales]:
         tensions = jnp.where(good, state.tensions, level)
         base = reference.base_tension
-        return groups_and_scales(drive, state.layout, tensions, base, state.stop_reactions, point)
+        return groups_and_scales(made, state.layout, tensions, base, state.stop_reactions)
 
     groups, scales = described(reference, rested)
     resting_model = steady_model(groups)
-    if not drive.model.stretching_arcs:
+    if not made.drive.model.stretching_arcs:
         return _Beginning(groups, scales, resting_model, resting_model, None)
-    string = running_string(drive, point, reference, resting_model.flux * scales.tension)
+    string = running_string(made, reference, resting_model.flux * scales.tension)
     found = succeeded(string.result)
     groups, scales = described(string, found)
     momentum = jnp.where(found, string.flux, 0.0) / scales.tension

@@ -60,9 +60,11 @@ def single_arm(drive: Drive) -> bool:
     return carried == 1 and float(drive.tensioners[0].kind) == 1
 
 
-def mass_matrix(drive: Drive, at: Coordinates) -> Float[Array, "coordinates coordinates"] | None:
+def mass_matrix(
+    drive: Drive, of: Bodies, at: Coordinates
+) -> Float[Array, "coordinates coordinates"] | None:
     """Inertia of the bodies [kg m^2], [kg m] or [kg]; None if a body has no inertia given."""
-    of, parts = bodies(drive), drive.tensioners
+    parts = drive.tensioners
     inertias = [body.inertia for body in parts if body.inertia is not None]
     if len(inertias) < len(parts):
         return None
@@ -108,7 +110,7 @@ def springs(drive: Drive) -> Springs:
     rows = jnp.concatenate([jnp.eye(count), jnp.stack(between)]) if between else jnp.eye(count)
     stiffness = jnp.stack([part.stiffness for part in parts])
     pulls = fixed((stiffness > 0).astype(float))
-    free = 1.0 - bodies(drive).locked
+    free = 1.0 - fixed(jnp.stack([body.locked for body in drive.tensioners]))
     # Bodies that springs join, directly or through others; a locked body is the ground.
     joined = jnp.eye(count)
     for row, pulling in zip(rows[count:], pulls[count:], strict=True):

@@ -5,12 +5,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from beltjax.drive.bodies import bodies, mass_matrix, springs
-from beltjax.drive.layout import Layout
+from beltjax.drive.assembly import Assembly
+from beltjax.drive.bodies import mass_matrix
+from beltjax.drive.layout import Layout, unstretched_lengths
 from beltjax.drive.loops import Loops
-from beltjax.drive.operation import OperatingPoint
-from beltjax.drive.shafts import rotors, transmission
-from beltjax.drive.system import Drive
+from beltjax.drive.shafts import rotors
 
 _FAR = 1e6  # radians, or mean spans
 
@@ -100,26 +99,24 @@ class Scales(eqx.Module):
 
 
 def groups_and_scales(
-    drive: Drive,
+    made: Assembly,
     at: Layout,
     tensions: Float[Array, " spans"],
     base_tension: Float[Array, ""],
     stop_forces: Float[Array, " coordinates"],
-    point: OperatingPoint,
 ) -> tuple[Groups, Scales]:
     """Dimensionless groups of a drive whose reference state has this layout and these tensions.
 
     `stop_forces` are the forces of the stops there [N m] or [N], one per coordinate.
     """
-    loops, of, of_springs = Loops(drive.loop_sizes), bodies(drive), springs(drive)
+    drive, loops, of, of_springs = made.drive, made.loops, made.bodies, made.springs
     lengths = at.span_lengths
     length = jnp.mean(lengths)
-    axial = drive.axial_stiffnesses
     bending = jnp.stack([belt.bending_stiffness for belt in drive.belts])
     mass = jnp.stack([belt.mass_per_length for belt in drive.belts])
     wave_speed = jnp.sqrt(base_tension / mass[0])
     time = length / wave_speed
-    driven, inertia = transmission(drive, point), mass_matrix(drive, at.coordinates)
+    driven, inertia = made.driven, mass_matrix(drive, of, at.coordinates)
     curvatures = drive.faces / drive.radii
     units = jnp.where(of.rotary > 0, 1.0, length)
     energy = base_tension * length
@@ -134,7 +131,7 @@ def groups_and_scales(
     groups = Groups(
         bendings=_root_or_zero(bending / base_tension) / length,
         speeds=driven.speeds[loops.starts] / wave_speed,
-        stretches=axial / base_tension,
+        stretches=made.EA / base_tension,
         masses=mass / mass[0],
         tensions=tensions / base_tension,
         span_ratios=lengths / length,
@@ -165,7 +162,7 @@ def groups_and_scales(
         rotor_inertias=None if turning.inertias is None else turning.inertias / inertia_unit,
         rotor_springs=turning.stiffness / energy,
         rotor_damping=turning.damping / (energy * time),
-        unstretched=_unstretched(drive, at, tensions, axial, loops) / length,
+        unstretched=_unstretched(made, at, tensions) / length,
         belt_inertia=jax.lax.stop_gradient(drive.model.belt_inertia),
         loop_sizes=drive.loop_sizes,
     )
@@ -184,21 +181,15 @@ def ways(
 
 
 def _unstretched(
-    drive: Drive,
-    at: Layout,
-    tensions: Float[Array, " spans"],
-    axial: Float[Array, " belts"],
-    loops: Loops,
+    made: Assembly, at: Layout, tensions: Float[Array, " spans"]
 ) -> Float[Array, " belts"]:
     """Length of each belt that stretches with its tension [m]: spans, with `stretching_arcs` arcs.
 
     The source leaves out the arcs, and uses the stretched lengths of the spans.
     """
-    if not drive.model.stretching_arcs:
-        return loops.sums(at.span_lengths)
-    strains = tensions / loops.spread(axial)
-    arcs = at.arc_lengths / (1 + (strains + loops.preceding(strains)) / 2)
-    return loops.sums(at.span_lengths / (1 + strains) + arcs)
+    if not made.drive.model.stretching_arcs:
+        return made.loops.sums(at.span_lengths)
+    return unstretched_lengths(made.EA, at, tensions, made.loops)
 
 
 def _positive(square: Float[Array, " n"]) -> Float[Array, " n"]:

@@ -154,6 +154,19 @@ def belt_path(of: Outline, loops: Loops, at: Float[Array, " coordinates"]) -> Pa
     )
 
 
+def unstretched_lengths(
+    EA: Float[Array, " belts"], at: Layout | Path, tensions: Float[Array, " spans"], loops: Loops
+) -> Float[Array, " belts"]:
+    """Unstretched length of the belts on this path at these tensions (R3).
+
+    On a pulley's arc the tension is the mean of the adjacent spans', an assumption of (R3).
+    """
+    of_span = loops.spread(EA)
+    arcs = (tensions + loops.preceding(tensions)) / 2
+    spans = at.span_lengths / (1 + tensions / of_span)
+    return loops.sums(spans + at.arc_lengths / (1 + arcs / of_span))
+
+
 def layout(
     drive: Drive, coordinates: Float[Array, " coordinates"] | float = 0.0, *, throw: bool = True
 ) -> Layout:
@@ -187,8 +200,12 @@ def layout(
 
 @boundary_jit
 def _layout(drive: Drive, coordinates: Float[Array, " coordinates"]) -> Layout:
-    of, loops = outline(drive), Loops(drive.loop_sizes)
     at = jnp.broadcast_to(coordinates, (len(drive.tensioners),))
+    return laid_out(outline(drive), Loops(drive.loop_sizes), at)
+
+
+def laid_out(of: Outline, loops: Loops, at: Float[Array, " coordinates"]) -> Layout:
+    """`layout` from the numbers on which it depends; failures are in its result alone."""
     path = belt_path(of, loops, at)
     centers = jnp.stack([path.x, path.y], axis=-1)
     directions = jnp.stack([path.along_x, path.along_y], axis=-1)
