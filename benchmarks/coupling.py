@@ -8,9 +8,9 @@ one run, each with its true error against a collocation converged to 1e-10:
                  next row is due to the formula; what beltjax gains over this one is due to JAX.
   SciPy          `solve_bvp` (tolerance 1e-6) on the 17-state standard form, one design at a time
 
-Two more drives have no such peers, two arms and two belts: their errors are against the stored
-reference of the same drive (tests/data/bodies.json). The peer that they are compared
-with is NumPy's closed form of the three-pulley drive.
+Two more drives have two arms, and two belts. Their Gamma is held against the stored reference of
+the same drive (tests/data/bodies.json), and all slopes against differences of the peer that they
+are compared with: `beltjax.validation.peers.bodies`, by SciPy's `root`, one design at a time.
 
     python benchmarks/coupling.py [--batch 10000] [--references 6]
 """
@@ -33,10 +33,12 @@ from timing import Row, best_time, compiled, show  # noqa: E402
 import beltjax as bj  # noqa: E402
 from beltjax.analysis.steady import steady_model  # noqa: E402
 from beltjax.drive.numbers import named_numbers  # noqa: E402
+from beltjax.validation.peers import bodies  # noqa: E402
 from beltjax.validation.peers.standard_form import solve_standard_form  # noqa: E402
 
 DRIVE = Path(__file__).parents[1] / "examples" / "three_pulley.toml"
 CASES = Path(__file__).parents[1] / "tests" / "data" / "bodies.json"
+WITHOUT_EFFECT = ("inertia", "friction", "isolator")  # on a steady state
 LARGER = {"two arms, seven pulleys": "04", "two belts, ten pulleys": "18"}
 
 
@@ -146,21 +148,82 @@ def stored(number):
     return (drive, point), float(np.sum(case["steady"]["coupling"]))
 
 
-def larger_rows(batch):
-    """Values, and values with slopes, of the drives with two arms and with two belts."""
-    rows = []
-    for name, number in LARGER.items():
-        numbers, gamma = stored(number)
-        designs = varied(numbers, batch, spread=0.005)
-        wrong = abs(float(total_coupling(numbers)) / gamma - 1)
-        count = sum(x.size for x in named_numbers(*numbers).values())
-        for way, function in (
-            (f"{name}, value", total_coupling),
-            (f"{name}, value and {count} slopes", jax.value_and_grad(total_coupling)),
-        ):
-            run, wait = compiled(jax.vmap(function), designs)
-            rows.append(Row(way, batch, wrong, None, wait, best_time(run, designs) / batch))
-    return rows
+def peer_numbers(named, drive):
+    """The numbers of a drive by file keys as the peer takes them; who carries what is fixed."""
+    own = ["pulley." + name for name in drive.pulley_names]
+    arms = ["tensioner." + body.name for body in drive.tensioners]
+    belts = ["belt." + belt.name for belt in drive.belts] if len(drive.belts) > 1 else ["belt"]
+    torques = [named.get("operation.torque." + name, 0.0) for name in drive.pulley_names]
+    radii = np.array([named[f"{name}.radius"] for name in own])
+    one = "installation.tension"
+    tension = [named[one]] if one in named else [named[f"{one}.{b.name}"] for b in drive.belts]
+    return {
+        "centers": [named[f"{name}.center"] for name in own],
+        "radii": radii,
+        "faces": drive.faces,
+        "on": [pulley.on for pulley in drive.pulleys],
+        "housed": [pulley.housed for pulley in drive.pulleys],
+        "torques": torques,
+        "pivots": [named[f"{name}.pivot"] for name in arms],
+        "directions": [body.direction for body in drive.tensioners],
+        "kind": [body.kind for body in drive.tensioners],
+        "stiffness": [named[f"{name}.stiffness"] for name in arms],
+        "locked": [body.locked for body in drive.tensioners],
+        "stops": [body.stops for body in drive.tensioners],
+        "seat": [body.on for body in drive.tensioners],
+        "between": np.zeros((0, len(arms))),
+        "rates": np.zeros(0),
+        "EA": [named[f"{name}.axial_stiffness"] for name in belts],
+        "EI": [named[f"{name}.bending_stiffness"] for name in belts],
+        "mass": [named[f"{name}.mass_per_length"] for name in belts],
+        "sense": np.broadcast_to(np.asarray(drive.sense), len(belts)),
+        "tension": tension,
+        "curvature": drive.model.arm_curvature,
+        "speed": named["operation.driver_speed"] * (np.asarray(drive.drives) @ radii),
+        "travel": 1.0,
+    }
+
+
+def larger_rows(name, number, batch):
+    """A drive with two arms, or with two belts: values, values with slopes, and its peer."""
+    numbers, gamma = stored(number)
+    drive = numbers[0]
+    designs = varied(numbers, batch, spread=0.005)
+    named = {key: np.asarray(x) for key, x in named_numbers(*numbers).items()}
+
+    def by_peer(named):
+        return bodies.coupling(peer_numbers(named, drive), drive.loop_sizes)
+
+    def difference(key, place):
+        h = 1e-5 * max(abs(float(named[key][place])), 0.05)
+        moved = [named[key].copy() for _ in range(2)]
+        moved[0][place] += h
+        moved[1][place] -= h
+        up, down = (by_peer(named | {key: x}) for x in moved)
+        return (up - down) / (2 * h)
+
+    slopes = named_numbers(*jax.grad(total_coupling)(numbers), of=numbers)
+    count, wrong_slope = sum(x.size for x in slopes.values()), 0.0
+    felt = {key: x for key, x in slopes.items() if not any(word in key for word in WITHOUT_EFFECT)}
+    assert all(np.all(slopes[key] == 0) for key in slopes.keys() - felt.keys())
+    for key, found in felt.items():
+        for place in np.ndindex(found.shape):
+            size = max(abs(float(found[place])), 1e-2)
+            off = abs(difference(key, place) - float(found[place])) / size
+            wrong_slope = max(wrong_slope, off)
+    start = time.perf_counter()
+    peer = by_peer(named)
+    seconds = time.perf_counter() - start
+
+    wrong, rows = abs(float(total_coupling(numbers)) / gamma - 1), []
+    for way, function, slope in (
+        ("beltjax, value", total_coupling, None),
+        (f"beltjax, value and {count} slopes", jax.value_and_grad(total_coupling), wrong_slope),
+    ):
+        run, wait = compiled(jax.vmap(function), designs)
+        rows.append(Row(way, batch, wrong, slope, wait, best_time(run, designs) / batch))
+    rows.append(Row("SciPy root, value", 1, abs(peer / gamma - 1), None, None, seconds))
+    show(f"Coupling Gamma, {name}", "design", rows)
 
 
 def main() -> None:
@@ -211,8 +274,8 @@ def main() -> None:
             Row("SciPy solve_bvp 1e-6, value", 1, error([p.coupling.sum() for p in peers]), None, None, scipy_time),
         ],
     )  # fmt: skip
-    closed_form = Row("NumPy closed form, three pulleys", batch, None, None, None, by_hand)
-    show("Coupling Gamma, larger drives", "design", [*larger_rows(batch), closed_form])
+    for name, number in LARGER.items():
+        larger_rows(name, number, batch)
 
 
 if __name__ == "__main__":
