@@ -35,6 +35,11 @@ STUDIES = (
     "test_readme.py",
 )
 
+# These find contact, as do the files that have it in their names.
+CONTACT = ("test_belt_law.py", "test_closed_belt.py")
+# These vibrate the drives of the examples.
+VIBRATION = ("test_modes.py", "test_sweep.py", "test_validity.py", "test_response.py")
+
 
 @pytest.fixture
 def own_registries(monkeypatch):
@@ -78,9 +83,10 @@ def _check_document(words, status, output):
 
 @pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items):
-    """A worker takes whole files, all of contact, and all of studies: they share what compiles."""
+    """A worker takes whole files, and all of a group: they share what compiles."""
     for item in items:
         name = item.path.name
         group = "studies" if name in STUDIES else str(item.path)
-        group = "contact" if "contact" in name and "analysis" in item.path.parts else group
+        group = "contact" if "contact" in name or name in CONTACT else group
+        group = "vibration" if name in VIBRATION else group
         item.add_marker(pytest.mark.xdist_group(group))

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from beltjax.analysis.modes import Modes
 from beltjax.draw.labels import mode_labels
-from beltjax.drive.bodies import bodies, moved_pivots, moved_pulleys
+from beltjax.drive.bodies import bodies, moved_pulleys
 from beltjax.drive.layout import Layout
 from beltjax.drive.loops import Loops
 from beltjax.drive.operation import OperatingPoint
@@ -75,9 +75,9 @@ def draw_bodies(axes: Axes, drive: Drive, coordinates: np.ndarray, style: str, c
         return
     of, centers = bodies(drive), np.asarray(drive.centers)
     at = jnp.asarray(coordinates)
-    pulleys, pivots = moved_pulleys(drive, at), moved_pivots(drive, at)
+    pulleys = moved_pulleys(drive, at)
     tips = 1e3 * np.stack([pulleys.x, pulleys.y], axis=-1)
-    feet = 1e3 * np.stack([pivots.x, pivots.y], axis=-1)
+    feet = 1e3 * np.asarray(pulleys.pivots)
     reach = 50 * np.ptp(centers, axis=0).max()
     for a, body in enumerate(drive.tensioners):
         for p in np.flatnonzero(np.asarray(of.carries[:, a])):

@@ -40,16 +40,9 @@ def bodies(drive: Drive) -> Bodies:
 
 
 def moved_pulleys(drive: Drive, coordinates: Coordinates) -> Placed:
-    """The centers of the pulleys [m] with the tensioners at these coordinates."""
+    """The centers of the pulleys and the pivots [m] with the tensioners at these coordinates."""
     of = bodies(drive)
     return placed(of, drive.centers[:, 0], drive.centers[:, 1], of.carried, coordinates)
-
-
-def moved_pivots(drive: Drive, coordinates: Coordinates) -> Placed:
-    """The pivots of the tensioners [m], which move with the bodies that they are on."""
-    of = bodies(drive)
-    below = of.above - jnp.eye(len(drive.tensioners))
-    return placed(of, of.pivots[:, 0], of.pivots[:, 1], below, coordinates)
 
 
 def single_arm(drive: Drive) -> bool:

@@ -104,6 +104,7 @@ class Path(NamedTuple):
     span_turns: Float[Array, "spans coordinates"]
     lifts: Float[Array, "spans coordinates"]
     curvatures: Float[Array, "spans coordinates coordinates"]
+    pivots: Float[Array, "coordinates 2"]
 
 
 def outline(drive: Drive) -> Outline:
@@ -151,6 +152,7 @@ def belt_path(of: Outline, loops: Loops, at: Float[Array, " coordinates"]) -> Pa
         span_turns=left * (t_x * apart_y - t_y * apart_x),
         lifts=left * (t_x * there.by_y - t_y * there.by_x),
         curvatures=t_x[:, None] * bent_x + t_y[:, None] * bent_y,
+        pivots=there.pivots,
     )
 
 
@@ -233,7 +235,7 @@ def laid_out(of: Outline, loops: Loops, at: Float[Array, " coordinates"]) -> Lay
         arc_lengths=path.arc_lengths,
         path_lengths=loops.sums(path.span_lengths + path.arc_lengths),
         coordinates=at,
-        arms=_arms(of, centers, at),
+        arms=_arms(of.bodies, centers, path.pivots),
         span_pulls=path.span_pulls,
         span_turns=path.span_turns,
         lifts=path.lifts,
@@ -244,16 +246,13 @@ def laid_out(of: Outline, loops: Loops, at: Float[Array, " coordinates"]) -> Lay
 
 
 def _arms(
-    of: Outline, centers: Float[Array, "pulleys 2"], at: Float[Array, " coordinates"]
+    of: Bodies, centers: Float[Array, "pulleys 2"], pivots: Float[Array, "coordinates 2"]
 ) -> Float[Array, "coordinates 2"]:
     """Vectors from each pivot to the middle of the pulleys that its body carries."""
-    parts = of.bodies
-    if not len(parts.rotary):
-        return jnp.zeros((0, 2))
-    apart = parts.above - jnp.eye(len(parts.rotary))
-    pivots = placed(parts, parts.pivots[:, 0], parts.pivots[:, 1], apart, at)
-    share = parts.carries.T / jnp.maximum(jnp.sum(parts.carries, axis=0), 1.0)[:, None]
-    return share @ centers - jnp.stack([pivots.x, pivots.y], axis=-1)
+    if not len(pivots):
+        return pivots
+    share = of.carries.T / jnp.maximum(jnp.sum(of.carries, axis=0), 1.0)[:, None]
+    return share @ centers - pivots
 
 
 def alignment_angles(drive: Drive, at: Layout) -> Float[Array, "coordinates 2"]:

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 
@@ -22,26 +23,15 @@ def definite_solve(
     matrix counts as positive definite. Where it is not, the solution is finite all the same.
     """
     count = len(right)
-    rows = [[matrix[i, j] * wanted[i] * wanted[j] for j in range(count)] for i in range(count)]
-    for i in range(count):
-        rows[i][i] = rows[i][i] + (1.0 - wanted[i])
-    values = [right[i] * wanted[i] for i in range(count)]
+    unit = np.eye(count)
+    square = matrix * wanted[:, None] * wanted + unit * (1.0 - wanted)
+    left = jnp.concatenate([square, (right * wanted)[:, None]], axis=1)
     definite = jnp.array(True)
     for i in range(count):
-        good = rows[i][i] > 0
+        good = left[i, i] > 0
         definite = definite & good
-        pivot = jnp.where(good, rows[i][i], 1.0)
-        rows[i][i] = pivot
-        for k in range(i + 1, count):
-            factor = rows[k][i] / pivot
-            for j in range(i + 1, count):
-                rows[k][j] = rows[k][j] - factor * rows[i][j]
-            values[k] = values[k] - factor * values[i]
-    found: list[Array] = []
-    for i in reversed(range(count)):
-        known = sum(
-            (rows[i][j] * x for j, x in zip(range(count - 1, i, -1), found, strict=True)),
-            start=jnp.zeros(()),
-        )
-        found.append((values[i] - known) / rows[i][i])
-    return Definite(jnp.stack(found[::-1]) if found else right, definite)
+        pivot = jnp.where(good, left[i, i], 1.0)
+        # All other rows lose their entry in this column, and this one is divided by its pivot.
+        column = jnp.where(unit[i] > 0, pivot - 1.0, left[:, i])
+        left = left - column[:, None] * (left[i] / pivot)
+    return Definite(left[:, -1] if count else right, definite)

@@ -8,6 +8,7 @@ docs/theory/bodies.md, (M1) and (M2).
 from typing import NamedTuple
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 Coordinates = Float[Array, " coordinates"]
@@ -27,7 +28,7 @@ class Bodies(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """Points moved by the coordinates, with their derivatives by them."""
+    """Points and pivots moved by the coordinates, with the points' derivatives by them."""
 
     x: Float[Array, " points"]
     y: Float[Array, " points"]
@@ -35,6 +36,48 @@ class Placed(NamedTuple):
     by_y: Float[Array, "points coordinates"]
     twice_x: Float[Array, "points coordinates coordinates"]
     twice_y: Float[Array, "points coordinates coordinates"]
+    pivots: Float[Array, "coordinates 2"]
+
+
+class Moved(NamedTuple):
+    """Points, pivots and directions, moved by the coordinates."""
+
+    x: Float[Array, " points"]
+    y: Float[Array, " points"]
+    pivots: tuple[Coordinates, Coordinates]
+    directions: tuple[Coordinates, Coordinates]
+
+
+def moved(
+    of: Bodies,
+    x: Float[Array, " points"],
+    y: Float[Array, " points"],
+    carried: Float[Array, "points coordinates"],
+    at: Coordinates,
+) -> Moved:
+    """Points drawn at (x, y), of which `carried` says which bodies move them, with `at` set."""
+    count, size = len(of.rotary), len(x)
+    turn = of.rotary * at
+    cos, sin = jnp.cos(turn) - 1.0, jnp.sin(turn)
+    slide = ((1.0 - of.rotary) * at)[:, None] * of.directions
+    flags, fixed = carried, np.ones(size)
+    if count > 1:
+        # Pivots ride on the bodies below their own, directions turn with them.
+        apart = of.above - np.eye(count)
+        x = jnp.concatenate([x, of.pivots[:, 0], of.directions[:, 0]])
+        y = jnp.concatenate([y, of.pivots[:, 1], of.directions[:, 1]])
+        flags = jnp.concatenate([flags, apart, apart])
+        fixed = np.concatenate([np.ones(size + count), np.zeros(count)])
+    for a in reversed(range(count)):
+        dx, dy = x - of.pivots[a, 0] * fixed, y - of.pivots[a, 1] * fixed
+        x = x + flags[:, a] * (cos[a] * dx - sin[a] * dy + slide[a, 0] * fixed)
+        y = y + flags[:, a] * (sin[a] * dx + cos[a] * dy + slide[a, 1] * fixed)
+    if count < 2:
+        still = of.pivots, of.directions
+        return Moved(x, y, *((vectors[:, 0], vectors[:, 1]) for vectors in still))
+    parts = (size, size + count)
+    (x, *riders_x), (y, *riders_y) = jnp.split(x, parts), jnp.split(y, parts)
+    return Moved(x, y, *zip(riders_x, riders_y, strict=True))
 
 
 def placed(
@@ -44,39 +87,17 @@ def placed(
     carried: Float[Array, "points coordinates"],
     at: Coordinates,
 ) -> Placed:
-    """Points drawn at (x, y), of which `carried` says which bodies move them, with `at` set."""
-    count = len(of.rotary)
-    # Pivots ride on the bodies below their own, directions turn with them.
-    apart = of.above - jnp.eye(count)
-    pivot_x, pivot_y = of.pivots[:, 0], of.pivots[:, 1]
-    along_x, along_y = of.directions[:, 0], of.directions[:, 1]
-    for a in reversed(range(count)):
-        turn = of.rotary[a] * at[a]
-        cos, sin = jnp.cos(turn) - 1.0, jnp.sin(turn)
-        slide = (1.0 - of.rotary[a]) * at[a]
-        center_x, center_y = of.pivots[a, 0], of.pivots[a, 1]
-        shift_x, shift_y = slide * of.directions[a, 0], slide * of.directions[a, 1]
-
-        dx, dy = _turned(x - center_x, y - center_y, cos, sin, carried[:, a])
-        x, y = x + dx + carried[:, a] * shift_x, y + dy + carried[:, a] * shift_y
-        if count > 1:
-            dx, dy = _turned(pivot_x - center_x, pivot_y - center_y, cos, sin, apart[:, a])
-            pivot_x = pivot_x + dx + apart[:, a] * shift_x
-            pivot_y = pivot_y + dy + apart[:, a] * shift_y
-            dx, dy = _turned(along_x, along_y, cos, sin, apart[:, a])
-            along_x, along_y = along_x + dx, along_y + dy
+    """The points of `moved`, with their derivatives by the coordinates."""
+    there = moved(of, x, y, carried, at)
+    x, y = there.x, there.y
+    (pivot_x, pivot_y), (along_x, along_y) = there.pivots, there.directions
     slides = 1.0 - of.rotary
     by_x = carried * (of.rotary * (pivot_y - y[:, None]) + slides * along_x)
     by_y = carried * (of.rotary * (x[:, None] - pivot_x) + slides * along_y)
     # The lower of two bodies turns what the upper one does; above[b, a] says a is the lower.
+    apart = of.above - np.eye(len(of.rotary))
     lower, upper = of.above.T * of.rotary[:, None], apart * of.rotary[None, :]
     twice_x = -(lower * by_y[:, None, :] + upper * by_y[:, :, None])
     twice_y = lower * by_x[:, None, :] + upper * by_x[:, :, None]
-    return Placed(x, y, by_x, by_y, twice_x, twice_y)
-
-
-def _turned(
-    x: Array, y: Array, cos: Array, sin: Array, flags: Float[Array, " points"]
-) -> tuple[Array, Array]:
-    """How far a turn takes the flagged points (x, y); `cos` is that of the angle less 1."""
-    return flags * (cos * x - sin * y), flags * (sin * x + cos * y)
+    pivots = jnp.stack([pivot_x, pivot_y], axis=-1)
+    return Placed(x, y, by_x, by_y, twice_x, twice_y, pivots)

@@ -120,12 +120,13 @@ def system_root(
     def body(state: tuple[Any, ...]) -> tuple[Any, ...]:
         x, step, matrix, length, kept, _, steps = state
         value, jacobian = value_and_jacobian(x + step)
-        newton = -solve_dense(jacobian, value)
+        # The step from here, and the one that the Jacobian before would take: one solver for both.
+        newton, before = -jax.vmap(solve_dense, (0, None))(jnp.stack([jacobian, matrix]), value)
         full = size(newton)
         newton = newton / jnp.maximum(1.0, jnp.max(jnp.abs(newton) / largest_step))
         # Close to the root rounding decides which correction is the longer.
         small = jnp.max(jnp.abs(newton)) <= tol
-        better = (size(solve_dense(matrix, value)) < length) | small
+        better = (size(before) < length) | small
         x = jnp.where(better, x + step, x)
         matrix = jnp.where(better, jacobian, matrix)
         length = jnp.where(better, full, length)

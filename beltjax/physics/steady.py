@@ -20,6 +20,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from beltjax.compiling.batched_loops import in_lanes_of
 from beltjax.numerics.definite import Definite, definite_solve
 from beltjax.numerics.roots import implicit_root, increasing_root, system_root
 from beltjax.physics import span
@@ -112,6 +113,18 @@ def settled(T: Belts, model: SteadyModel) -> Settled:
     return box_minimum(stiffness(m.P - m.c2 + of_span, m), load, m.movable, m.lo, m.hi)
 
 
+_Bounds = tuple[Bool[Array, " coordinates"], Bool[Array, " coordinates"]]
+
+
+class _Box(NamedTuple):
+    """A quadratic q.A.q/2 - load.q between bounds."""
+
+    A: Float[Array, "coordinates coordinates"]
+    load: Coordinates
+    lo: Coordinates
+    hi: Coordinates
+
+
 def box_minimum(
     A: Float[Array, "coordinates coordinates"],
     load: Coordinates,
@@ -125,29 +138,33 @@ def box_minimum(
     Newton's method on the complementarity conditions; the last solve alone is differentiated.
     """
     count = len(load)
-    below, above = jnp.zeros(count, bool), jnp.zeros(count, bool)
+    bounds = jnp.zeros(count, bool), jnp.zeros(count, bool)  # that hold: below, above
 
-    def solved(
-        below: Bool[Array, " coordinates"], above: Bool[Array, " coordinates"]
-    ) -> tuple[Coordinates, Definite]:
-        at = jnp.where(below, lo, jnp.where(above, hi, 0.0))
+    def solved(problem: _Box, bounds: _Bounds) -> tuple[Coordinates, Definite]:
+        below, above = bounds
+        at = jnp.where(below, problem.lo, jnp.where(above, problem.hi, 0.0))
         moves = movable * (1.0 - below) * (1.0 - above)
-        found = definite_solve(A, load - A @ at, moves)
+        found = definite_solve(problem.A, problem.load - problem.A @ at, moves)
         return at + found.solution, found
 
-    if count == 1:
-        # A single body is at a stop if and only if it would pass that stop when free.
-        free = definite_solve(A, load, movable).solution
-        below, above = (movable > 0) & (free < lo), (movable > 0) & (free > hi)
-    for _ in range(0 if count < 2 else 2 * count):
-        q, _ = solved(below, above)
-        push = A @ q - load
-        free = movable > 0
-        below, above = (
-            free & jnp.where(below, push > 0, q < lo),
-            free & jnp.where(above, push < 0, q > hi),
+    problem = _Box(A, load, lo, hi)
+    fixed, free = jax.lax.stop_gradient(problem), movable > 0
+
+    def exchanged(_: int, bounds: _Bounds) -> _Bounds:
+        """Bounds after one round: they release what they would pull, and stop what is beyond."""
+        q, _ = solved(fixed, bounds)
+        push, (below, above) = fixed.A @ q - fixed.load, bounds
+        return (
+            free & jnp.where(below, push > 0, q < fixed.lo),
+            free & jnp.where(above, push < 0, q > fixed.hi),
         )
-    q, found = solved(below, above)
+
+    # A single body is at a stop if and only if it would pass that stop when free.
+    rounds = 1 if count < 2 else 2 * count
+    if count:
+        bounds = jax.lax.fori_loop(0, rounds, exchanged, in_lanes_of(load, bounds))
+    q, found = solved(problem, bounds)
+    below, above = bounds
     held = jnp.where(below, -1.0, jnp.where(above, 1.0, 0.0))
     reaction = jnp.where(held != 0, A @ q - load, 0.0)
     return Settled(q, held, reaction, found.definite)

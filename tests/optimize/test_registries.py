@@ -67,6 +67,7 @@ def study_file(folder, text=STUDY):
     return folder / "study.toml"
 
 
+@pytest.mark.slow
 def test_a_study_file_names_them(extended, tmp_path):
     design = bj.optimize.minimize(bj.optimize.load_study(study_file(tmp_path)))
     assert design.success
@@ -80,6 +81,7 @@ def test_a_study_file_names_them(extended, tmp_path):
     assert other.final == pytest.approx(design.final, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_explorations_and_tolerances_take_them(extended, tmp_path):
     drive, point = example("three_pulley")
     tolerances = {"belt.mass_per_length": bj.optimize.Uniform(0.01)}

@@ -27,7 +27,7 @@ def best(study):
     return bj.optimize.minimize(study)
 
 
-@pytest.mark.parametrize("method", ["trust-constr", "ipopt"])
+@pytest.mark.parametrize("method", [pytest.param("trust-constr", marks=pytest.mark.slow), "ipopt"])
 def test_other_optimizers_end_in_the_same_design(study, best, method):
     design = bj.optimize.minimize(dataclasses.replace(study, method=method))
     assert design.success
@@ -104,6 +104,7 @@ def test_limits_that_cannot_be_met_together_are_named(study):
     }
 
 
+@pytest.mark.slow
 def test_openmdao_checks_the_derivatives_and_finds_the_design(study, best):
     component = importlib.import_module("beltjax.optimize.openmdao")
     variable_name = component.variable_name
