@@ -22,6 +22,7 @@ import beltjax as bj  # noqa: E402
 import beltjax.__main__  # noqa: E402
 import beltjax.commands.registry  # noqa: E402
 import beltjax.commands.running  # noqa: E402
+import beltjax.compiling.kept_programs  # noqa: E402
 import beltjax.physics.belt_law  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
@@ -52,6 +53,7 @@ def own_registries(monkeypatch):
     commands = beltjax.commands.registry
     monkeypatch.setattr(commands, "_REGISTERED", dict(commands.registered()))
     monkeypatch.setattr(commands.group, "commands", dict(commands.group.commands))
+    monkeypatch.setattr(beltjax.compiling.kept_programs, "_keeping", [True])
 
 
 @pytest.fixture

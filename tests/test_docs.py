@@ -21,7 +21,7 @@ BLOCKS = {
     "documents": 1,
     "drive_file": 1,
     "exploration": 6,
-    "extending": 4,
+    "extending": 5,
     "first_drive": 2,
     "model": 1,
     "moving_beam": 4,

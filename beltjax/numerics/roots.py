@@ -38,12 +38,33 @@ class Search(NamedTuple):
 
 def solve_dense(matrix: Float[Array, "n n"], right: Vector) -> Vector:
     """Solution of a few linear equations; of two, finite also if they are singular."""
-    if right.size != 2:
-        return inverse(matrix) @ right
-    (a, b), (c, d) = matrix
-    determinant = a * d - b * c
-    numerator = jnp.stack([d * right[0] - b * right[1], a * right[1] - c * right[0]])
-    return numerator / jnp.where(determinant == 0, 1.0, determinant)
+    if right.size == 2:
+        (a, b), (c, d) = matrix
+        determinant = a * d - b * c
+        numerator = jnp.stack([d * right[0] - b * right[1], a * right[1] - c * right[0]])
+        return numerator / jnp.where(determinant == 0, 1.0, determinant)
+    return _eliminated(matrix, right) if right.size <= _FEW else inverse(matrix) @ right
+
+
+_FEW = 6  # equations up to which unrolled elimination compiles sooner than a loop
+
+
+def _eliminated(matrix: Float[Array, "n n"], right: Vector) -> Vector:
+    """The solution by Gauss-Jordan elimination with row pivoting, unrolled; linear in `right`."""
+    places, used = jnp.arange(right.size), jnp.zeros(right.size, bool)
+    pivots = []
+    for i in range(right.size):
+        column = matrix[:, i]
+        here = places == jnp.argmax(jnp.where(used, -1.0, jnp.abs(column)))
+        pivot = jnp.sum(jnp.where(here, column, 0.0))
+        row = jnp.sum(jnp.where(here[:, None], matrix, 0.0), axis=0) / pivot
+        value = jnp.sum(jnp.where(here, right, 0.0)) / pivot
+        matrix = jnp.where(here[:, None], row, matrix - column[:, None] * row)
+        right = jnp.where(here, value, right - column * value)
+        used = used | here
+        pivots.append(here)
+    # Row r_i now holds unknown i.
+    return jnp.sum(jnp.where(jnp.stack(pivots), right, 0.0), axis=1)
 
 
 def increasing_root(

@@ -150,9 +150,9 @@ def box_minimum(
     problem = _Box(A, load, lo, hi)
     fixed, free = jax.lax.stop_gradient(problem), movable > 0
 
-    def exchanged(_: int, bounds: _Bounds) -> _Bounds:
+    def exchanged(k: int, bounds: _Bounds) -> _Bounds:
         """Bounds after one round: they release what they would pull, and stop what is beyond."""
-        q, _ = solved(fixed, bounds)
+        q = solved(fixed, bounds)[0]
         push, (below, above) = fixed.A @ q - fixed.load, bounds
         return (
             free & jnp.where(below, push > 0, q < fixed.lo),

@@ -151,7 +151,10 @@ def test_arm_turned_by_torque_is_shown_and_no_arm_is_not(run, tmp_path):
     # By hand: the drawn arm is at -3.749 deg.
     angle = json.loads((tmp_path / "loaded.json").read_text())["reference"]["arm_angle"]
     assert turn == pytest.approx(angle + math.atan2(0.00635, 0.0969), rel=1e-9)
-    assert f"arm's turn, drawn to rest              {turn:.6f}" in re.sub(" {15,}", " " * 14, out)
+    shown = f"{math.degrees(turn):.4f}"
+    assert re.search(rf"arm's turn, drawn to rest +{shown} +deg", out)
+    _, out, _ = run("analyze", "loaded.toml", "--si")
+    assert re.search(rf"arm's turn, drawn to rest +{turn:.4f}\d\d +rad", out)
     _, out, _ = run("analyze", EXAMPLES / "two_pulley_table_5_1.toml")
     assert "coupling Gamma" in out
     assert "arm" not in out
@@ -289,7 +292,7 @@ def test_bad_study_is_one_line_and_writes_nothing(case, run, tmp_path):
 def test_fresh_process_sets_double_precision_and_handles_an_interrupt(tmp_path):
     code = (
         "import beltjax.__main__, beltjax.commands.reports.analyze as jobs, sys\n"
-        "def stop(path, figure): raise KeyboardInterrupt\n"
+        "def stop(path, figure, si): raise KeyboardInterrupt\n"
         "jobs.analyze_report = stop\n"
         "sys.argv = ['beltjax', 'analyze', 'x.toml', '--json', 'out.json']\n"
         "beltjax.__main__.main()"
