@@ -20,7 +20,7 @@ from beltjax.drive.groups import Scales
 from beltjax.drive.installation import AdjustedToMark, AdjustedToTension, BeltGiven, TensionGiven
 from beltjax.drive.layout import Layout, layout
 from beltjax.drive.operation import OperatingPoint
-from beltjax.drive.placeholders import harmless, usable
+from beltjax.drive.placeholders import harmless, numbers_are_usable
 from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
 from beltjax.numerics.derivative_rules import differentiated_once
@@ -162,7 +162,7 @@ def maximum_moment(
 def _contact(
     drive: Drive, point: OperatingPoint, law: Law, maximum: bool, throw: bool
 ) -> ContactState:
-    question = asked(law, maximum)
+    question = contact_question(law, maximum)
     if len(drive.belts) > 1:
         raise ValueError("Contact is found for one belt: extract each with `bj.one_belt`.")
     bare = without_friction(drive, point, maximum)
@@ -191,7 +191,7 @@ def without_friction(drive: Drive, point: OperatingPoint, maximum: bool) -> str 
     return None
 
 
-def asked(law: Law, maximum: bool) -> tuple[AbstractBeltLaw, Float[Array, ""]]:
+def contact_question(law: Law, maximum: bool) -> tuple[AbstractBeltLaw, Float[Array, ""]]:
     """The law and the question as `contact_solution` takes them.
 
     Raises `ValueError` for the name of a law that there is not.
@@ -204,7 +204,7 @@ def contact_solution(
     drive: Drive, point: OperatingPoint, law: AbstractBeltLaw, maximum: Float[Array, ""]
 ) -> ContactState:
     """`contact_state` or `maximum_moment`, whose failures are in its result alone."""
-    good = usable(drive, point)
+    good = numbers_are_usable(drive, point)
     drive, point = harmless(drive, point, good)
     drawable = layout(drive, throw=False).result
     drive, point = harmless(drive, point, succeeded(drawable))

@@ -32,7 +32,7 @@ from beltjax.drive.installation import (
 from beltjax.drive.layout import Layout, Outline, Path, belt_path, unstretched_lengths
 from beltjax.drive.loops import Loops
 from beltjax.drive.operation import OperatingPoint
-from beltjax.drive.placeholders import harmless, usable
+from beltjax.drive.placeholders import harmless, numbers_are_usable
 from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
 from beltjax.numerics.definite import definite_solve
@@ -171,7 +171,7 @@ def reference_state(drive: Drive, point: OperatingPoint, *, throw: bool = True) 
 
 @boundary_jit
 def _reference_state(drive: Drive, point: OperatingPoint) -> ReferenceState:
-    good = usable(drive, point)
+    good = numbers_are_usable(drive, point)
     state = resting(assembled(*harmless(drive, point, good)))
     result = first_failure((~good, RESULTS.numbers_unusable), (good, state.result))
     return frozen_where_failed(eqx.tree_at(lambda s: s.result, state, result), result)

@@ -20,7 +20,7 @@ from beltjax.drive.assembly import Assembly, assembled
 from beltjax.drive.canonical import canonical
 from beltjax.drive.groups import Groups, Scales, groups_and_scales
 from beltjax.drive.operation import OperatingPoint
-from beltjax.drive.placeholders import harmless, usable
+from beltjax.drive.placeholders import harmless, numbers_are_usable
 from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
 from beltjax.physics import steady as physics
@@ -233,7 +233,7 @@ def steady_state(
 
 @boundary_jit
 def _steady_state(drive: Drive, point: OperatingPoint, method: AbstractSteadyMethod) -> SteadyState:
-    good = usable(drive, point)
+    good = numbers_are_usable(drive, point)
     drive, point = harmless(drive, point, good)
     made = assembled(drive, point)
     loops, reference = made.loops, resting(made)

@@ -16,7 +16,7 @@ from beltjax.drive.system import Drive
 Numbers = tuple[Drive, OperatingPoint]
 
 
-def usable(drive: Drive, point: OperatingPoint) -> Bool[Array, ""]:
+def numbers_are_usable(drive: Drive, point: OperatingPoint) -> Bool[Array, ""]:
     """Whether all numbers are finite, and all that must be positive are."""
     rule = drive.installation
     positive: list[Any] = [drive.radii]

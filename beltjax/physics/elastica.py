@@ -91,7 +91,7 @@ def span_at(unknown: Pair, span: SpanData) -> tuple[Span, Pair]:
 def _span_numbers(z: Scalar, phi: Scalar, *data: Scalar) -> Float[Array, "11"]:
     """The results of `span_at` in one array: the shape, whether it is long, both residuals."""
     span, unknown = SpanData(*data), jnp.stack([z, phi])
-    limit, long, safe, safe_limit = _told_apart(span)
+    limit, long, safe, safe_limit = _limit_and_safe_data(span)
     bent, unmet = _shape(jnp.where(long, jnp.zeros(2), unknown), safe, safe_limit)
     shape = [jnp.where(long, getattr(limit, key), x) for key, x in bent._asdict().items()]
     unmet = jnp.where(long, unknown - jnp.stack([0.0, limit.phi]), unmet)
@@ -100,11 +100,11 @@ def _span_numbers(z: Scalar, phi: Scalar, *data: Scalar) -> Float[Array, "11"]:
 
 def span_start(span: SpanData) -> Pair:
     """(z, phi) from which to search; they are nearly right where the span is a few ell long."""
-    limit, long, safe, safe_limit = _told_apart(span)
+    limit, long, safe, safe_limit = _limit_and_safe_data(span)
     return jnp.where(long, jnp.stack([0.0, limit.phi]), _start(safe, safe_limit))
 
 
-def _told_apart(span: SpanData) -> tuple[Span, Bool[Array, ""], SpanData, Span]:
+def _limit_and_safe_data(span: SpanData) -> tuple[Span, Bool[Array, ""], SpanData, Span]:
     """The separatrix, whether the span is long, and data with which `_bent` is safe to evaluate.
 
     Those data are the span's own where it is not long, and harmless ones where it is. The last
@@ -125,7 +125,7 @@ def elastica(span: SpanData) -> Span:
     equations are those of Kong (2003), (5.9) and (5.16)-(5.21), with contact as a vector
     condition; docs/theory/contact.md, (C4) to (C11).
     """
-    limit, long, safe, safe_limit = _told_apart(span)
+    limit, long, safe, safe_limit = _limit_and_safe_data(span)
     return jax.tree.map(lambda a, b: jnp.where(long, a, b), limit, _bent(safe, safe_limit))
 
 

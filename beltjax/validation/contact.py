@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array
 
 import beltjax as bj
-from beltjax.analysis.contact import ContactState, asked, contact_solution
+from beltjax.analysis.contact import ContactState, contact_question, contact_solution
 from beltjax.compiling.quick import quickly_compiled
 from beltjax.validation.drives import two_pulleys
 from beltjax.validation.printed import contact as printed
@@ -74,7 +74,7 @@ def _with(drive: bj.Drive, EI: Any) -> bj.Drive:
 
 def _regular(drive: bj.Drive, point: bj.OperatingPoint, stiff: Array) -> ContactState:
     def at(EI: Array) -> ContactState:
-        return contact_solution(_with(drive, EI), point, *asked("kong", False))
+        return contact_solution(_with(drive, EI), point, *contact_question("kong", False))
 
     return eqx.filter_vmap(at)(stiff)
 
@@ -82,7 +82,7 @@ def _regular(drive: bj.Drive, point: bj.OperatingPoint, stiff: Array) -> Contact
 def _largest(drive: bj.Drive, stiff: Array, speeds: Array) -> ContactState:
     def at(EI: Array, speed: Array) -> ContactState:
         point = bj.OperatingPoint(belt_speed=speed, torque={"driven": 1.0})
-        return contact_solution(_with(drive, EI), point, *asked("kong", True))
+        return contact_solution(_with(drive, EI), point, *contact_question("kong", True))
 
     return eqx.filter_vmap(at)(stiff, speeds)
 

@@ -9,7 +9,12 @@ from rich.console import Group
 from rich.markup import escape
 from rich.table import Table
 
-from beltjax.analysis.contact import ContactState, asked, contact_solution, without_friction
+from beltjax.analysis.contact import (
+    ContactState,
+    contact_question,
+    contact_solution,
+    without_friction,
+)
 from beltjax.analysis.steady import SteadyState, steady_state
 from beltjax.commands.reports.diagnosis import Diagnosis, speed_key, travel_lead
 from beltjax.commands.reports.documents import (
@@ -109,7 +114,7 @@ def contact_report(
     is a report with a `failure`.
     """
     try:
-        question = asked(law, maximum)
+        question = contact_question(law, maximum)
     except ValueError as error:
         raise FileError("--law", "", str(error).rstrip(".")) from error
     drive, point = _the_belt(*load_drive(path), belt, path)

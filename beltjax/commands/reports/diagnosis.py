@@ -151,7 +151,7 @@ def _belt_diagnosis(drive: Drive, rule: BeltGiven) -> Diagnosis:
     paths = jax.vmap(lambda turn: layout(drive, turn, throw=False).path_length)(turns)
     shortest, longest = float(jnp.min(paths)), float(jnp.max(paths))
     found = float(rule.belt_length)
-    length, *path = _told_apart(found, shortest, *([longest] if len(turns) > 1 else []))
+    length, *path = _distinct_texts(found, shortest, *([longest] if len(turns) > 1 else []))
     too = (
         "too short"
         if found < shortest
@@ -170,7 +170,7 @@ def _belt_diagnosis(drive: Drive, rule: BeltGiven) -> Diagnosis:
     )
 
 
-def _told_apart(*lengths: float) -> list[str]:
+def _distinct_texts(*lengths: float) -> list[str]:
     """Lengths [m] with so many decimals, four at least, that none looks like another."""
     texts: list[str] = []
     for decimals in range(4, 16):

@@ -21,7 +21,13 @@ from beltjax.numerics.bvp.arguments import (
 )
 from beltjax.numerics.bvp.collocation import Interval, Problem, Residual, Unknowns, solve_factored
 from beltjax.numerics.bvp.compiled_parts import kept_for_few, part, within_transformation
-from beltjax.numerics.bvp.fixed_nodes import Evidence, Start, search, usable, with_derivative
+from beltjax.numerics.bvp.fixed_nodes import (
+    Evidence,
+    Start,
+    is_solved,
+    search,
+    with_derivative,
+)
 from beltjax.numerics.bvp.solve import FIXED_NODES, BVPSolution, as_solution
 from beltjax.results import raise_unless_successful
 
@@ -278,7 +284,7 @@ def _follow(
         here = Problem(problem.rhs, problem.bc, interval, along, None)
         ahead = jax.tree.map(lambda a, d: a + distance * d, point.start.z, point.tangent)
         z, evidence = search(here, Start(point.start.mesh, ahead), tol, sweeps)
-        good = usable(evidence)
+        good = is_solved(evidence)
         reached = _reached(point, z, evidence, distance, step)
         kept = point._replace(step=0.5 * point.step)
         point = jax.tree.map(lambda a, b: jnp.where(good, a, b), reached, kept)

@@ -54,7 +54,7 @@ class Start(NamedTuple):
     z: Unknowns
 
 
-def usable(evidence: Evidence) -> Bool[Array, ""]:
+def is_solved(evidence: Evidence) -> Bool[Array, ""]:
     """Whether the collocation equations were solved, to whatever accuracy."""
     return evidence.converged & evidence.finite & evidence.regular
 
@@ -156,7 +156,7 @@ def _swept(
 
 @part
 def _usable_or_guess(start: Start, z: Unknowns, evidence: Evidence) -> tuple[Unknowns, Evidence]:
-    good = usable(evidence)
+    good = is_solved(evidence)
     # A lane that failed holds its guess, and nothing that could turn a zero cotangent into nan.
     harmless = Start(start.mesh, jax.tree.map(jnp.nan_to_num, start.z))
     z = jax.tree.map(lambda a, b: jnp.where(good, a, b), z, harmless.z)
@@ -188,7 +188,7 @@ def _with_derivative_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) ->
     t_problem, _, _ = tangents
     # Through itself, so that the solution in the equations below has derivatives in its turn.
     z = with_derivative(problem, z, evidence)
-    good = usable(evidence)
+    good = is_solved(evidence)
     moving, held = _split(problem, t_problem, good)
     # In a lane that failed no derivative passes, in either direction: not even 0 times nan.
     t_problem = jax.tree.map(lambda t: jnp.where(good, t, 0.0), t_problem)

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from beltjax.numerics.bvp.arguments import as_double, first_start
 from beltjax.numerics.bvp.collocation import Interval, Problem, Unknowns
 from beltjax.numerics.bvp.compiled_parts import part
-from beltjax.numerics.bvp.fixed_nodes import Start, search, usable
+from beltjax.numerics.bvp.fixed_nodes import Start, is_solved, search
 
 SHARES = (1 / 4, 1 / 16, 1 / 64, 1 / 256)  # of the interval, where growing may begin
 GROWTH = 2.0  # of the interval in a step; its root is taken where a step fails
@@ -35,7 +35,7 @@ def start_from_shorter(
     def solved(share: float, start: Start) -> Start | None:
         shorter = _shorter(problem, share)
         z, evidence = search(shorter, start, as_double(ROUGHLY), SWEEPS)
-        good = bool(usable(evidence)) and float(evidence.estimate.error) < AT_MOST
+        good = bool(is_solved(evidence)) and float(evidence.estimate.error) < AT_MOST
         return Start(evidence.mesh, z) if good else None
 
     for share in SHARES:

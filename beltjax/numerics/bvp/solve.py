@@ -25,8 +25,8 @@ from beltjax.numerics.bvp.error_estimate import ROUNDING, SINGULAR
 from beltjax.numerics.bvp.fixed_nodes import (
     Evidence,
     Start,
+    is_solved,
     search,
-    usable,
     with_derivative,
 )
 from beltjax.numerics.bvp.growing_interval import start_from_shorter
@@ -234,7 +234,7 @@ def as_solution(
     interval: Interval, z: Unknowns, evidence: Evidence, tol: Float[Array, ""]
 ) -> BVPSolution:
     """The solution that the search found, with the verdict on it."""
-    good = usable(evidence)
+    good = is_solved(evidence)
     known = evidence.estimate
     # Nothing better can be had in double precision, on whatever mesh.
     hopeless = (ROUNDING * known.condition > tol) | (known.condition > SINGULAR)
