@@ -98,7 +98,23 @@ def before_and_after(
     axes = figure.add_subplot()
     draw_layout(axes, *before, color=BEFORE, label="before", style="--")
     draw_layout(axes, *after, color=AFTER, label="after", style="-")
-    drive, at = after
+    _finish(axes, *after, title)
+    axes.legend(loc="best", frameon=False)
+    return figure
+
+
+def layout_figure(drive: Drive, at: Layout) -> Figure:
+    """One layout: pulleys with their names, tensioners and belts."""
+    figure = Figure(figsize=(9.0, 9.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    draw_layout(axes, drive, at, color=AFTER, label="", style="-")
+    _finish(axes, drive, at, drive.name)
+    return figure
+
+
+def _finish(axes: Axes, drive: Drive, at: Layout, title: str) -> None:
+    """Names, scales and a title for a drawn layout."""
     for pulley, center in zip(drive.pulleys, np.asarray(at.centers), strict=True):
         top = 1e3 * (center + np.array([0.0, float(pulley.radius)]))
         axes.annotate(
@@ -115,9 +131,7 @@ def before_and_after(
     axes.set_ylabel("y [mm]")
     axes.set_title(title, fontsize=11, parse_math=False)
     axes.margins(y=0.12)
-    axes.legend(loc="best", frameon=False)
     axes.grid(linewidth=0.3)
-    return figure
 
 
 def mode_shapes(drive: Drive, point: OperatingPoint, modes: Modes, shown: int = 6) -> Figure:

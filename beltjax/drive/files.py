@@ -39,6 +39,7 @@ from beltjax.files.tables import validated
 from beltjax.files.writing import write_whole
 
 _TERMS = tuple(ModelTable.model_fields)  # of [model]
+SPEEDS = "belt_speed", "driver_speed"  # of [operation]
 
 
 def load_drive(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint]:
@@ -62,12 +63,65 @@ def load_drive(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint]:
         >>> drive, point = bj.load_drive("examples/three_pulley.toml")
         >>> drive.pulley_names
     """
+    return _described(_content(path), path)
+
+
+def load_geometry(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint, bool]:
+    """The drive of a file of which only the geometry is used, and whether a speed is given.
+
+    Stiffness, mass, installation and speed may be left out; numbers without meaning stand in.
+
+    Args:
+        path: the drive file.
+
+    Returns:
+        The drive and the operating point, for `layout` and speed ratios alone; false where the
+        speed is a stand-in.
+
+    Raises:
+        FileError: as `load_drive` does, for what is there.
+        RuntimeError: JAX is in single precision.
+    """
+    content = _content(path)
+    operation = content.get("operation", {})
+    given = isinstance(operation, dict) and any(key in operation for key in SPEEDS)
+    return *_described(_with_stand_ins(content, given), path), given
+
+
+def _content(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """The content of a drive file, which is none of a study."""
     as_real(0.0)  # raises for a wrong precision before anything is said about the file
     content = read_toml(path)
     if "drive" in content and "belt" not in content:
         raise FileError(
             path, "drive", "is the key of a study; give its drive file, or `optimize` it"
         )
+    return content
+
+
+def _with_stand_ins(content: dict[str, Any], has_speed: bool) -> dict[str, Any]:
+    """`content` with stand-ins for required numbers that do not move the drawn layout."""
+    belt = {"axial_stiffness": 1.0, "bending_stiffness": 0.0, "mass_per_length": 1.0}
+    given = dict(content) | {"installation": {"tension": 1.0}}
+    given["belt"] = _filled(given.get("belt", {}), belt)
+    if "tensioner" in given:
+        given["tensioner"] = _filled(given["tensioner"], {"stiffness": 1.0})
+    speed = {} if has_speed else {"driver_speed": 1.0}
+    given["operation"] = _filled(given.get("operation", {}), speed)
+    return given
+
+
+def _filled(tables: Any, numbers: dict[str, float]) -> Any:
+    """A table, or each of a list, with the numbers that it lacks."""
+    if isinstance(tables, list):
+        return [_filled(table, numbers) for table in tables]
+    return numbers | tables if isinstance(tables, dict) else tables
+
+
+def _described(
+    content: dict[str, Any], path: str | os.PathLike[str]
+) -> tuple[Drive, OperatingPoint]:
+    """The drive and the operating point of a file's content."""
     require_one_arm(content, path)
     file = validated(DriveTable, content, path)
     wheels = Wheels(file, path)

@@ -1,0 +1,94 @@
+"""`beltjax layout`: a file that has geometry alone, against what a ruler and a hand find."""
+
+import json
+import math
+import re
+import tomllib
+
+import numpy as np
+import pytest
+import tomli_w
+from drives import EXAMPLES
+
+OPEN = """
+name = "open belt"
+[[pulley]]
+name = "motor"
+center = [0, 0]
+radius = "50 mm"
+face = "grooved"
+driver = true
+[[pulley]]
+name = "fan"
+center = ["400 mm", 0]
+radius = "125 mm"
+face = "grooved"
+"""
+
+
+def document(run, tmp_path, text, *options):
+    (tmp_path / "sheet.toml").write_text(text)
+    status, out, err = run("layout", "sheet.toml", "--json", "out.json", *options)
+    assert (status, err) == (0, "")
+    return json.loads((tmp_path / "out.json").read_text()), out
+
+
+def test_two_pulleys_are_those_of_the_handbook(run, tmp_path):
+    """The open belt's length, 2 c cos(a) + pi (R + r) + 2 a (R - r) with sin(a) = (R - r)/c."""
+    found, out = document(run, tmp_path, OPEN, "--figure", "sheet.png")
+    r, R, c = 0.05, 0.125, 0.4
+    a = math.asin((R - r) / c)
+    length = 2 * c * math.cos(a) + math.pi * (R + r) + 2 * a * (R - r)
+    assert found["belts"][0]["path_length"] == pytest.approx(length, rel=1e-12)
+    wraps = [pulley["wrap_deg"] for pulley in found["pulleys"]]
+    assert wraps == pytest.approx([180 - math.degrees(2 * a), 180 + math.degrees(2 * a)], rel=1e-12)
+    assert [pulley["speed_ratio"] for pulley in found["pulleys"]] == pytest.approx([1.0, 0.4])
+    assert found["pulleys"][0]["speed"] is None
+    assert found["clearances"] == [{"between": ["motor", "fan"], "gap": pytest.approx(0.225)}]
+    assert re.search(rf"whole path +{1e3 * length:.2f}", out)
+    assert (tmp_path / "sheet.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_a_speed_is_shown_where_there_is_one(run, tmp_path):
+    found, out = document(run, tmp_path, OPEN + '[operation]\ndriver_speed = "1500 rpm"\n')
+    assert found["pulleys"][1]["speed"] == pytest.approx(600 * math.pi / 30)
+    assert found["belts"][0]["speed"] == pytest.approx(0.05 * 50 * math.pi)
+    assert re.search(r"fan +.* 0\.4000 +600\.0", out)
+
+
+def test_moving_the_arm_takes_the_path_along(run, tmp_path):
+    """Differences of the path's length, the pulley turned about the pivot by hand."""
+    drive = tomllib.loads((EXAMPLES / "three_pulley.toml").read_text())
+    pivot = np.array(drive["tensioner"]["pivot"])
+    carried = next(p for p in drive["pulley"] if p["name"] == drive["tensioner"]["pulley"])
+    arm = np.array(carried["center"]) - pivot
+    lengths = {}
+    for turn in (-1e-5, 0.0, 1e-5):
+        cos, sin = math.cos(turn), math.sin(turn)
+        turned = np.array([[cos, -sin], [sin, cos]]) @ arm
+        carried["center"] = (pivot + turned).tolist()
+        found, _ = document(run, tmp_path, tomli_w.dumps(drive))
+        lengths[turn] = found["belts"][0]["path_length"]
+        if not turn:
+            tensioner = found["tensioners"][0]
+    assert tensioner["arm_length"] == pytest.approx(math.hypot(*arm), rel=1e-12)
+    slope = (lengths[1e-5] - lengths[-1e-5]) / 2e-5
+    assert tensioner["path_per_move"] == pytest.approx(slope, rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (('face = "grooved"', 'face = "groved"'), r"pulley\.motor\.face: found 'groved'"),
+        (('radius = "125 mm"', 'radius = "400 mm"'), r"overlaps pulley 'motor' by 50 mm"),
+        (("[[pulley]]", '[belt]\nthicknes = "5 mm"\n[[pulley]]'), r"did you mean 'thickness'"),
+    ],
+    ids=["face", "overlap", "typo"],
+)
+def test_what_is_there_must_be_right(run, tmp_path, change, message):
+    (tmp_path / "sheet.toml").write_text(OPEN.replace(*change, 1))
+    status, out, err = run("layout", "sheet.toml", "--json", "out.json")
+    assert (status, out) == (1, "")
+    assert err.count("\n") == 1
+    assert re.search(message, err)
+    assert not (tmp_path / "out.json").exists()
