@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
+from beltjax.drive.file_makers_data import DIAMETERS
 from beltjax.drive.numbers import full_key, known_keys
 from beltjax.drive.system import Drive
 from beltjax.drive.units_of_file import UnitsOfFile
@@ -45,6 +46,8 @@ def _keys(words: tuple[str, ...], content: dict[str, Any]) -> list[str]:
         return _keys_of_twin(words)
     if words[:2] == ("installation", "until"):
         return ["installation.until"]
+    if words[0] == "pulley" and words[-1] in DIAMETERS:
+        words = (*words[:-1], "radius")
     if words[-1] in ("0", "1"):
         words = (*words[:-1], "xy"[int(words[-1])])
     return [".".join(words)]

@@ -16,6 +16,7 @@ from beltjax.drive.file_bodies import (
     read_bodies,
     require_one_arm,
 )
+from beltjax.drive.file_makers_data import in_terms_of_the_drive
 from beltjax.drive.file_pulleys import (
     Wheels,
     belts_of,
@@ -123,7 +124,7 @@ def _described(
 ) -> tuple[Drive, OperatingPoint]:
     """The drive and the operating point of a file's content."""
     require_one_arm(content, path)
-    file = validated(DriveTable, content, path)
+    file = validated(DriveTable, in_terms_of_the_drive(content, path), path)
     wheels = Wheels(file, path)
     of = read_bodies(file, wheels.shafts, path)
     _require_operation(file.operation, path)

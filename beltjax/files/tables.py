@@ -14,8 +14,8 @@ from beltjax.files.units import shown, to_si
 
 # Keys that others use, and what to give here.
 _FOREIGN_KEYS = {
-    "diameter": "give radius, half of it, to the neutral axis of the belt",
-    "pitch_diameter": "give radius, half of it",
+    "pitch_diameter": "give diameter, which is to the neutral axis of the belt",
+    "outside_diameter": "give effective_diameter or smooth_diameter",
     "teeth": "give radius: teeth times pitch over 2 pi",
     "x": "give center = [x, y]",
     "y": "give center = [x, y]",

@@ -1,0 +1,118 @@
+"""Diameters and lengths as makers of belts and pulleys print them, in a drive file.
+
+A drive has the radius to the belt's neutral axis. Makers print diameters: to the neutral axis of
+the belt (pitch diameter), to the effective line of a grooved pulley, or of the smooth face under
+the back of the belt. They print belt lengths along the effective line or along the neutral axis.
+"""
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+from beltjax.files.errors import FileError
+from beltjax.files.units import shown, to_si
+
+# Keys of a pulley that stand for its radius, and the key of its belt that says how far the belt's
+# neutral axis lies outside of that diameter.
+DIAMETERS = {
+    "diameter": None,
+    "effective_diameter": "pitch_offset",
+    "smooth_diameter": "back_offset",
+}
+OFFSETS = ("pitch_offset", "back_offset")
+_FACES = {"effective_diameter": "grooved", "smooth_diameter": "back"}
+_LENGTHS = ("effective", "pitch")
+
+
+def in_terms_of_the_drive(content: dict[str, Any], path: object) -> dict[str, Any]:
+    """`content` with radii and belt lengths in place of what makers print.
+
+    Raises `FileError` for a radius that is given twice, and for an offset that is missing. What is
+    no table or no list is left for the file's own rules to refuse.
+    """
+    belts = {table.get("name", "belt"): table for table in _tables(content.get("belt"))}
+    plain = dict(content)
+    if isinstance(content.get("pulley"), list):
+        plain["pulley"] = [_pulley(table, belts, path) for table in content["pulley"]]
+    rule = content.get("installation")
+    if isinstance(rule, dict) and isinstance(rule.get("belt_length"), dict):
+        plain["installation"] = rule | {"belt_length": _lengths(rule["belt_length"], belts, path)}
+    if isinstance(content.get("belt"), list):
+        plain["belt"] = [_without(table, OFFSETS) for table in content["belt"]]
+    elif "belt" in content:
+        plain["belt"] = _without(content["belt"], OFFSETS)
+    return plain
+
+
+def _tables(value: Any) -> Iterator[dict[str, Any]]:
+    for table in value if isinstance(value, list) else [value]:
+        if isinstance(table, dict):
+            yield table
+
+
+def _without(table: Any, keys: tuple[str, ...]) -> Any:
+    if not isinstance(table, dict):
+        return table
+    return {key: value for key, value in table.items() if key not in keys}
+
+
+def _pulley(table: Any, belts: dict[Any, dict[str, Any]], path: object) -> Any:
+    """The table of a pulley with its radius."""
+    given = [key for key in ("radius", *DIAMETERS) if isinstance(table, dict) and key in table]
+    if given in ([], ["radius"]):
+        return table
+    key, name = given[-1], f"pulley.{table.get('name', '')}"
+    if len(given) > 1:
+        raise FileError(path, f"{name}.{key}", f"{given[0]} is given, too; give one of them")
+    face = _FACES.get(key)
+    if face and table.get("face") in ("grooved", "back") and table["face"] != face:
+        other = next(other for other in _FACES if other != key)
+        message = f"belongs to a pulley with face = {face!r}; give {other} or diameter"
+        raise FileError(path, f"{name}.{key}", message)
+    belt = belts.get(table.get("belt"), next(iter(belts.values()), {}))
+    offset = DIAMETERS[key]
+    radius = _length(table[key], f"{name}.{key}", path) / 2
+    if offset:
+        radius += _offset(belt, offset, path)
+    return _without(table, (key,)) | {"radius": radius}
+
+
+def _lengths(
+    given: dict[str, Any], belts: dict[Any, dict[str, Any]], path: object
+) -> float | dict[str, Any]:
+    """Belt lengths along the neutral axis."""
+    if len(given) == 1 and next(iter(given)) in _LENGTHS:
+        return _neutral_length(given, next(iter(belts.values()), {}), "", path)
+    return {
+        name: _neutral_length(length, belts.get(name, {}), f".{name}", path)
+        if isinstance(length, dict)
+        else length
+        for name, length in given.items()
+    }
+
+
+def _neutral_length(given: dict[str, Any], belt: dict[str, Any], label: str, path: object) -> float:
+    key = f"installation.belt_length{label}"
+    if len(given) != 1 or next(iter(given)) not in _LENGTHS:
+        message = f"found {shown(given)}; give {{ effective = .. }} or {{ pitch = .. }}"
+        raise FileError(path, key, message)
+    kind, value = next(iter(given.items()))
+    length = _length(value, f"{key}.{kind}", path)
+    # The belt turns once round, so that the neutral axis is longer by one turn of the offset.
+    return length + 2 * math.pi * _offset(belt, OFFSETS[0], path) if kind == "effective" else length
+
+
+def _offset(belt: dict[str, Any], key: str, path: object) -> float:
+    label = f"belt.{belt['name']}.{key}" if "name" in belt else f"belt.{key}"
+    if key not in belt:
+        which = "effective line" if key == OFFSETS[0] else "back face"
+        message = f"is missing; add the distance from the belt's {which} to its neutral axis"
+        raise FileError(path, label, message)
+    return _length(belt[key], label, path)
+
+
+def _length(value: Any, key: str, path: object) -> float:
+    try:
+        return to_si(value, "m")
+    except ValueError as error:
+        raise FileError(path, key, str(error)) from error
