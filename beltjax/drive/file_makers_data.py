@@ -58,10 +58,15 @@ def _without(table: Any, keys: tuple[str, ...]) -> Any:
 
 def _pulley(table: Any, belts: dict[Any, dict[str, Any]], path: object) -> Any:
     """The table of a pulley with its radius."""
-    given = [key for key in ("radius", *DIAMETERS) if isinstance(table, dict) and key in table]
+    if not isinstance(table, dict):
+        return table
+    name = f"pulley.{table.get('name', '')}"
+    if "groove_angle" in table:
+        table = _in_groove(table, name, path)
+    given = [key for key in ("radius", *DIAMETERS) if key in table]
     if given in ([], ["radius"]):
         return table
-    key, name = given[-1], f"pulley.{table.get('name', '')}"
+    key = given[-1]
     if len(given) > 1:
         raise FileError(path, f"{name}.{key}", f"{given[0]} is given, too; give one of them")
     face = _FACES.get(key)
@@ -75,6 +80,20 @@ def _pulley(table: Any, belts: dict[Any, dict[str, Any]], path: object) -> Any:
     if offset:
         radius += _offset(belt, offset, path)
     return _without(table, (key,)) | {"radius": radius}
+
+
+def _in_groove(table: dict[str, Any], name: str, path: object) -> dict[str, Any]:
+    """The table of a pulley whose friction is that of a wedge between flanks, mu/sin(angle/2)."""
+    key = f"{name}.groove_angle"
+    angle = _number(table["groove_angle"], "rad", key, path)
+    if table.get("face") == "back" or "friction" not in table:
+        message = "belongs to a pulley with face = 'grooved' and friction; remove it or add them"
+        raise FileError(path, key, message)
+    if not 0 < angle < math.pi:
+        message = f"found {shown(table['groove_angle'])}; give the angle between the flanks"
+        raise FileError(path, key, f"{message}, above 0 and below 180 deg")
+    flank = _number(table["friction"], "", f"{name}.friction", path)
+    return _without(table, ("groove_angle",)) | {"friction": flank / math.sin(angle / 2)}
 
 
 def _lengths(
@@ -112,7 +131,11 @@ def _offset(belt: dict[str, Any], key: str, path: object) -> float:
 
 
 def _length(value: Any, key: str, path: object) -> float:
+    return _number(value, "m", key, path)
+
+
+def _number(value: Any, unit: str, key: str, path: object) -> float:
     try:
-        return to_si(value, "m")
+        return to_si(value, unit)
     except ValueError as error:
         raise FileError(path, key, str(error)) from error
