@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from beltjax.commands.reports.report import Report
 
 INVALID, FAILED = 1, 2  # exit statuses
+_CSV = "beltjax.csv"  # in a command's context
 PICTURES = (".png", ".pdf", ".svg")
 
 Advance = Callable[[str, int, int | None], None]  # is called with stage, done and total
@@ -34,16 +35,23 @@ def answer(
     """Check a command's files, do its work and write what it reports.
 
     `read` is the file that the command reads; `json`, `written` and `pictures` are files that it
-    writes, None where they are not wanted; `resumed` is a path that may hold an earlier run. With
-    `busy`, a text, a moving sign is shown in place of a bar of progress.
+    writes, None where they are not wanted, and so is the one that the option --csv names;
+    `resumed` is a path that may hold an earlier run. With `busy`, a text, a moving sign is shown in
+    place of a bar of progress.
     """
-    _check_outputs(read, json, *written, *pictures, resumed=resumed)
+    csv = click.get_current_context().meta.get(_CSV)
+    _check_outputs(read, json, csv, *written, *pictures, resumed=resumed)
     for path in pictures:
         _check_picture(path)
     prepare_jax()
     with _sign(f"{busy}; the first run on a machine compiles") if busy else _bar() as advance:
         report = work(advance)
-    _finish(report, json)
+    _finish(report, json, csv)
+
+
+def keep_csv_path(context: click.Context, parameter: click.Parameter, path: str | None) -> None:
+    """Keep the path of the option --csv, which all commands have, for `answer`."""
+    context.meta[_CSV] = path
 
 
 def leave(message: str, status: int) -> NoReturn:
@@ -143,17 +151,20 @@ def _bar() -> Iterator[Advance]:
         yield advance
 
 
-def _finish(report: "Report", json_path: str | None) -> None:
+def _finish(report: "Report", json_path: str | None, csv_path: str | None) -> None:
     """Write the files, print the tables or the JSON, and leave with the right status."""
     from rich.console import Console
 
     from beltjax.commands.reports.documents import complete, json_bytes, json_text
+    from beltjax.commands.reports.tables import csv_bytes
     from beltjax.files.writing import write_together
 
     document = complete(report.document)
     files, failed = list(report.files), None
     if json_path and json_path != "-":
         files.append((json_path, json_bytes(document)))
+    if csv_path:
+        files.append((csv_path, csv_bytes(report.tables)))
     try:
         write_together(files)
     except OSError as error:

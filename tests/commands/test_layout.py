@@ -1,5 +1,6 @@
 """`beltjax layout`: a file that has geometry alone, against what a ruler and a hand find."""
 
+import csv
 import json
 import math
 import re
@@ -74,6 +75,31 @@ def test_moving_the_arm_takes_the_path_along(run, tmp_path):
     assert tensioner["arm_length"] == pytest.approx(math.hypot(*arm), rel=1e-12)
     slope = (lengths[1e-5] - lengths[-1e-5]) / 2e-5
     assert tensioner["path_per_move"] == pytest.approx(slope, rel=1e-7)
+
+
+def test_tables_are_written_as_comma_separated_values(run, tmp_path):
+    found, out = document(run, tmp_path, OPEN.replace("fan", "fan [left], low"), "--csv", "out.csv")
+    assert "wrote out.json, out.csv" in out
+    rows = list(csv.reader((tmp_path / "out.csv").open()))
+    blank = rows.index([])
+    title, heads, *pulleys = rows[:blank]
+    assert title == ["open belt"]
+    assert heads == ["pulley", "wrap (deg)", "arc (mm)", "speed ratio", "speed (rpm)"]
+    assert [row[0] for row in pulleys] == ["motor", "fan [left], low"]
+    for row, pulley in zip(pulleys, found["pulleys"], strict=True):
+        assert float(row[1]) == pytest.approx(pulley["wrap_deg"], abs=0.005)
+        assert float(row[2]) == pytest.approx(1e3 * pulley["arc_length"], abs=0.005)
+    assert rows[blank + 1] == ["span", "length (mm)"]
+
+
+def test_no_output_is_written_over_another(run, tmp_path):
+    (tmp_path / "sheet.toml").write_text(OPEN)
+    for csv_path, says in [("out.json", "given for two outputs"), ("sheet.toml", "is read")]:
+        status, _, err = run("layout", "sheet.toml", "--json", "out.json", "--csv", csv_path)
+        assert status == 1
+        assert says in err
+    assert (tmp_path / "sheet.toml").read_text() == OPEN
+    assert not (tmp_path / "out.json").exists()
 
 
 @pytest.mark.parametrize(
