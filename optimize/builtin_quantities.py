@@ -72,11 +72,8 @@ def tension(analyses: DriveAnalyses, span: int) -> Scalar:
 @quantity("hub_load", unit="N", place="pulley")
 def hub_load(analyses: DriveAnalyses, pulley: int) -> Scalar:
     """Force of the running belt on the hub of one pulley."""
-    at, tensions = analyses.steady.reference.layout, analyses.steady.running_tensions
-    after = tensions[pulley] * at.directions[pulley]
-    pull = after - tensions[pulley - 1] * at.directions[pulley - 1]
     # Parallel spans of equal tension round an idler leave no load; its direction is then free.
-    return jnp.sqrt(jnp.sum(pull**2) + 1e-30)
+    return jnp.sqrt(jnp.sum(analyses.steady.hub_loads[pulley] ** 2) + 1e-30)
 
 
 @quantity("slip_margin", place="pulley", needs="pulley friction")
@@ -84,9 +81,8 @@ def slip_margin(analyses: DriveAnalyses, pulley: int) -> Scalar:
     """Friction times wrap of one pulley, less the logarithm of the ratio of its tensions."""
     friction = analyses.drive.pulleys[pulley].friction
     assert friction is not None  # because it is needed
-    tensions = analyses.steady.effective_tensions
-    ratio = tensions[pulley] / tensions[pulley - 1]
-    return friction * analyses.steady.reference.layout.wraps[pulley] - jnp.abs(jnp.log(ratio))
+    wrap = analyses.steady.reference.layout.wraps[pulley]
+    return friction * wrap - analyses.steady.slip_exponents[pulley]
 
 
 @quantity("path_length", unit="m")

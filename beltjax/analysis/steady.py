@@ -174,6 +174,20 @@ class SteadyState(Readable):
         """
         return of_single(self.coordinate_change)
 
+    @property
+    def hub_loads(self) -> Float[Array, "pulleys 2"]:
+        """Force of the running tensions on the hub of each pulley [N], x and y."""
+        pulls = self.running_tensions[:, None] * self.reference.layout.directions
+        return pulls - self.groups.loops.preceding(pulls)
+
+    @property
+    def slip_exponents(self) -> Float[Array, " pulleys"]:
+        """|ln| of the ratio of the effective tensions beside each pulley: friction times wrap holds
+        no more (Euler and Eytelwein).
+        """
+        before = self.groups.loops.preceding(self.effective_tensions)
+        return jnp.abs(jnp.log(self.effective_tensions / before))
+
     @usual_promotion
     def deflection(self, i: int, x: Array) -> Array:
         """Deflection of span i at `x`, positive towards the inside of the loop.

@@ -192,3 +192,21 @@ def test_an_eccentric_is_turned_until_the_arm_stands_at_its_mark(drive_of):
         bj.layout(longer, state.installed).span_pulls[:, 1]
     )
     assert abs(float(push)) < 1e-9
+
+
+def test_loads_are_of_the_spans_that_touch_the_pulley(drive_of):
+    """With two belts the span before a belt's first pulley is that belt's last one."""
+    drive, point = drive_of("18")
+    steady = bj.steady_state(drive, point)
+    at, tensions = steady.reference.layout, np.asarray(steady.running_tensions)
+    quantities = bj.optimize.DriveAnalyses(drive, point, steady)
+    for p, name in enumerate(drive.pulley_names):
+        (before,) = (k for k, span in enumerate(drive.span_names) if span.endswith(f"-{name}"))
+        (after,) = (k for k, span in enumerate(drive.span_names) if span.startswith(f"{name}-"))
+        load = tensions[after] * at.directions[after] - tensions[before] * at.directions[before]
+        np.testing.assert_allclose(steady.hub_loads[p], load, rtol=1e-12, atol=1e-9)
+        measured = bj.optimize.find_quantity(f"hub_load:{name}", drive).measure(quantities)
+        assert float(measured[0]) == pytest.approx(np.hypot(*load), rel=1e-12)
+        Q = np.asarray(steady.effective_tensions)
+        ratio = abs(np.log(Q[after] / Q[before]))
+        assert float(steady.slip_exponents[p]) == pytest.approx(ratio, rel=1e-12)

@@ -314,28 +314,36 @@ def analyze_tables(document: dict[str, Any], sizes: dict[str, Any], units: Table
 def _span_table(document: dict[str, Any], units: TableUnits) -> Table:
     # Both tensions are under the operating torques.
     tensions = units.head("standing", "N"), units.head("running", "N")
-    headers = "span", units.head("length", "m"), *tensions, "coupling Gamma_i"
+    headers = "span", units.head("length", "m"), *tensions, "meter (Hz)", "coupling Gamma_i"
     table = plain_table(escape(document["drive"]), *headers)
     spans, steady = document["layout"]["spans"], document["steady"] or {}
     unknown = [None] * len(spans)
     standing = (document["reference"] or {}).get("tensions", unknown)
-    columns = standing, steady.get("tensions", unknown), steady.get("coupling", unknown)
-    for span, still, running, gamma in zip(spans, *columns, strict=True):
+    heard = [row["meter_hz"] for row in document["spans"]]
+    columns = standing, steady.get("tensions", unknown), heard, steady.get("coupling", unknown)
+    for span, still, running, hertz, gamma in zip(spans, *columns, strict=True):
         length = units.text(span["length"], "m", 1)
         tensions = units.text(still, "N", 1), units.text(running, "N", 1)
-        table.add_row(escape(span["name"]), length, *tensions, number(gamma, 4))
+        cells = length, *tensions, number(hertz, 1), number(gamma, 4)
+        table.add_row(escape(span["name"]), *cells)
     return table
 
 
 def _pulley_table(document: dict[str, Any], units: TableUnits) -> Table:
     columns = ("wrap", "rad"), ("speed", "rad/s"), ("torque", "N m"), ("hub load", "N")
-    table = plain_table("", "pulley", *(units.head(*column) for column in columns))
+    heads = [*(units.head(*column) for column in columns), units.head("towards", "rad")]
+    slips = any(row["slip_margin"] is not None for row in document["pulleys"])
+    table = plain_table("", "pulley", *heads, *["slip margin"] * slips)
     for row in document["pulleys"]:
-        load = None if row["hub_load"] is None else math.hypot(*row["hub_load"])
+        force = row["hub_load"]
+        load = None if force is None else math.hypot(*force)
+        towards = None if force is None else math.atan2(force[1], force[0])
         wrap = units.text(math.radians(row["wrap_deg"]), "rad", 1)
         speed = units.text(row["speed"], "rad/s", 0)
         forces = units.text(row["torque"], "N m", 2), units.text(load, "N", 0)
-        table.add_row(escape(row["name"]), wrap, speed, *forces)
+        cells = [wrap, speed, *forces, units.text(towards, "rad", 0)]
+        cells += [number(row["slip_margin"], 3)] * slips
+        table.add_row(escape(row["name"]), *cells)
     return table
 
 

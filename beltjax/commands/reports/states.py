@@ -2,13 +2,11 @@
 
 from typing import Any, Literal
 
-import jax.numpy as jnp
 import numpy as np
 
 from beltjax.analysis.steady import SteadyState
 from beltjax.commands.reports.documents import Maybe, Part, meaning, plain
 from beltjax.drive.components import KINDS, Tensioner
-from beltjax.drive.loops import Loops
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.shafts import transmission
 from beltjax.drive.system import Drive
@@ -49,6 +47,9 @@ class PulleyPart(Part):
         "N, x and y, of the running tensions; null: does not run"
     )
     torque: Maybe = meaning("N m, taken from the belt")
+    slip_margin: Maybe = meaning(
+        "friction times wrap, less the logarithm of the tensions' ratio; null without friction"
+    )
 
 
 class SpanStatePart(Part):
@@ -128,14 +129,16 @@ def pulleys(
 ) -> list[dict[str, Any]]:
     """Each pulley: wrap, speed of rotation, load on its hub and torque."""
     at, driven = steady.reference.layout, transmission(drive, point)
-    pulls = np.asarray(steady.running_tensions)[:, None] * np.asarray(at.directions)
-    loads = pulls - np.asarray(Loops(drive.loop_sizes).preceding(jnp.asarray(pulls)))
+    frictions = [None if p.friction is None else float(p.friction) for p in drive.pulleys]
     columns = zip(
         drive.pulley_names,
         plain(np.degrees(at.wraps)),
         plain(np.asarray(driven.turning * driven.speeds / drive.radii)),
-        plain(loads),
+        plain(steady.hub_loads),
         plain(driven.torques),
+        frictions,
+        np.asarray(at.wraps),
+        np.asarray(steady.slip_exponents),
         strict=True,
     )
     return [
@@ -145,8 +148,9 @@ def pulleys(
             "speed": speed,
             "hub_load": load if running else None,
             "torque": torque,
+            "slip_margin": None if mu is None or not running else plain(mu * angle - used),
         }
-        for name, wrap, speed, load, torque in columns
+        for name, wrap, speed, load, torque, mu, angle, used in columns
     ]
 
 
