@@ -63,7 +63,7 @@ def test_moving_the_arm_takes_the_path_along(run, tmp_path):
     pivot = np.array(drive["tensioner"]["pivot"])
     carried = next(p for p in drive["pulley"] if p["name"] == drive["tensioner"]["pulley"])
     arm = np.array(carried["center"]) - pivot
-    lengths = {}
+    tensioner, lengths = None, {}
     for turn in (-1e-5, 0.0, 1e-5):
         cos, sin = math.cos(turn), math.sin(turn)
         turned = np.array([[cos, -sin], [sin, cos]]) @ arm
@@ -72,6 +72,7 @@ def test_moving_the_arm_takes_the_path_along(run, tmp_path):
         lengths[turn] = found["belts"][0]["path_length"]
         if not turn:
             tensioner = found["tensioners"][0]
+    assert tensioner is not None
     assert tensioner["arm_length"] == pytest.approx(math.hypot(*arm), rel=1e-12)
     slope = (lengths[1e-5] - lengths[-1e-5]) / 2e-5
     assert tensioner["path_per_move"] == pytest.approx(slope, rel=1e-7)
