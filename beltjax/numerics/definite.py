@@ -25,6 +25,9 @@ def definite_solve(
     count = len(right)
     unit = np.eye(count)
     square = matrix * wanted[:, None] * wanted + unit * (1.0 - wanted)
+    if count == 1:  # most drives: nothing to put together
+        good = square[0] > 0
+        return Definite(right * wanted / jnp.where(good, square[0], 1.0), good[0])
     left = jnp.concatenate([square, (right * wanted)[:, None]], axis=1)
     definite = jnp.array(True)
     for i in range(count):

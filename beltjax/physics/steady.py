@@ -159,10 +159,10 @@ def box_minimum(
             free & jnp.where(above, push < 0, q > fixed.hi),
         )
 
-    # A single body is at a stop if and only if it would pass that stop when free.
-    rounds = 1 if count < 2 else 2 * count
-    if count:
-        bounds = jax.lax.fori_loop(0, rounds, exchanged, in_lanes_of(load, bounds))
+    if count == 1:  # a single body is at a stop if and only if it would pass that stop when free
+        bounds = exchanged(0, bounds)
+    elif count:
+        bounds = jax.lax.fori_loop(0, 2 * count, exchanged, in_lanes_of(load, bounds))
     q, found = solved(problem, bounds)
     below, above = bounds
     held = jnp.where(below, -1.0, jnp.where(above, 1.0, 0.0))

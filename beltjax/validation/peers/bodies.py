@@ -107,10 +107,10 @@ class Statics:
         z, _, _ = self.pose(q)
         signed = self.faces * self.radii * self.sense
         apart, rise = z[self.next] - z, signed[self.next] - signed
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore", divide="ignore"):  # where there is no tangent
             lengths = np.sqrt(np.abs(apart) ** 2 - rise**2)
-        e = apart * (lengths - 1j * rise) / np.abs(apart) ** 2
-        wraps = self.faces * self.sense * np.angle(e / e[self.before])
+            e = apart * (lengths - 1j * rise) / np.abs(apart) ** 2
+            wraps = self.faces * self.sense * np.angle(e / e[self.before])
         wraps = np.where(wraps < -np.pi / 2, wraps + 2 * np.pi, wraps)
         for b in range(len(self.EA)):
             own = np.flatnonzero(self.belt == b)
