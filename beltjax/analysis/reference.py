@@ -36,6 +36,7 @@ from beltjax.drive.placeholders import harmless, numbers_are_usable
 from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
 from beltjax.numerics.definite import definite_solve
+from beltjax.numerics.rigid_bodies import holding_stop
 from beltjax.numerics.roots import implicit_root, system_root
 from beltjax.results import (
     RESULTS,
@@ -273,7 +274,7 @@ def _standing(
     tensions = loops.spread(unknown[count:]) * problem.scale + problem.offsets
     momentum = _momentum(tensions, problem, loops)
     push = _push(at, place, tensions - momentum, problem)
-    at_stop = jnp.where(good, _stopped(place, push, problem), 0.0)
+    at_stop = jnp.where(good, holding_stop(made.bodies, place, -push), 0.0)
     return _Standing(at, tensions, momentum, at_stop, jnp.where(at_stop != 0, push, 0.0))
 
 
@@ -454,21 +455,6 @@ def _root(
     """
     root = jnp.where(good, rest.root, jax.lax.stop_gradient(spare))
     return implicit_root(lambda x, p: _residuals(x, p, loops), problem, root)
-
-
-def _stopped(
-    coordinates: Float[Array, " coordinates"],
-    push: Float[Array, " coordinates"],
-    problem: _Problem,
-) -> Float[Array, " coordinates"]:
-    """-1 where a stop holds a body at its least, 1 at its greatest coordinate, else 0."""
-    stops = problem.outline.bodies.stops
-    free = problem.fixed == 0
-    # A body at a stop stands there to rounding, and is pushed against it.
-    near = 1e-9 * (1.0 + jnp.abs(coordinates))
-    below = free & (coordinates <= stops[:, 0] + near) & (push > 0)
-    above = free & (coordinates >= stops[:, 1] - near) & (push < 0)
-    return jnp.where(below, -1.0, jnp.where(above, 1.0, 0.0))
 
 
 def _is_stable(made: Assembly, stands: _Standing) -> Bool[Array, ""]:

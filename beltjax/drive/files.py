@@ -32,6 +32,7 @@ from beltjax.drive.file_pulleys import (
 from beltjax.drive.file_rules import installation_content, read_installation
 from beltjax.drive.file_tables import DriveTable, ModelTable, OperationTable
 from beltjax.drive.file_units import units_used
+from beltjax.drive.numbers import SPEEDS
 from beltjax.drive.operation import ExcitationGiven, OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
@@ -40,7 +41,6 @@ from beltjax.files.tables import validated
 from beltjax.files.writing import write_whole
 
 _TERMS = tuple(ModelTable.model_fields)  # of [model]
-SPEEDS = "belt_speed", "driver_speed"  # of [operation]
 
 
 def load_drive(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint]:
@@ -85,7 +85,7 @@ def load_geometry(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint, 
     """
     content = _content(path)
     operation = content.get("operation", {})
-    given = isinstance(operation, dict) and any(key in operation for key in SPEEDS)
+    given = isinstance(operation, dict) and any(f"operation.{key}" in SPEEDS for key in operation)
     return *_described(_with_stand_ins(content, given), path), given
 
 

@@ -27,6 +27,18 @@ class Bodies(NamedTuple):
     stops: Float[Array, "coordinates 2"]
 
 
+def holding_stop(of: Bodies, at: Coordinates, force: Coordinates) -> Coordinates:
+    """-1 where a stop holds a body at its least, 1 at its greatest coordinate, else 0.
+
+    A body at a stop stands there to rounding, and the `force` on it pushes it against the stop.
+    """
+    near = 1e-9 * (1.0 + jnp.abs(at))
+    below = (at <= of.stops[:, 0] + near) & (force < 0)
+    above = (at >= of.stops[:, 1] - near) & (force > 0)
+    held = jnp.where(below, -1.0, jnp.where(above, 1.0, 0.0))
+    return jnp.where(of.locked > 0, 0.0, held)
+
+
 class Placed(NamedTuple):
     """Points and pivots moved by the coordinates, with the points' derivatives by them."""
 

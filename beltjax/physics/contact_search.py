@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from beltjax.numerics.derivative_rules import frozen_unless
-from beltjax.numerics.rigid_bodies import Bodies, Coordinates
+from beltjax.numerics.rigid_bodies import Bodies, Coordinates, holding_stop
 from beltjax.numerics.roots import followed_root, implicit_solution
 from beltjax.physics.contact import BeltMotion, ContactModel, Loop, Unknown, joined, long_spans
 
@@ -179,13 +179,8 @@ def _force(q: Coordinates, push: Coordinates, model: ContactModel, held: HeldBel
 
 def at_stop(solved: Solved, model: ContactModel) -> Coordinates:
     """-1 where a stop holds a body at its least, 1 at its greatest coordinate, else 0."""
-    q, of = solved.unknown.q, model.bodies
-    force = _force(q, solved.loop.push, model, solved.held)
-    near = 1e-9 * (1.0 + jnp.abs(q))
-    below = (q <= of.stops[:, 0] + near) & (force < 0)
-    above = (q >= of.stops[:, 1] - near) & (force > 0)
-    held = jnp.where(below, -1.0, jnp.where(above, 1.0, 0.0))
-    return jnp.where(of.locked > 0, 0.0, held)
+    force = _force(solved.unknown.q, solved.loop.push, model, solved.held)
+    return holding_stop(model.bodies, solved.unknown.q, force)
 
 
 def _distances(of: Bodies, model: ContactModel) -> Float[Array, "pulleys coordinates"]:

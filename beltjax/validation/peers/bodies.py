@@ -347,7 +347,7 @@ class Bending:
         return along * np.array([at_start, at_end])
 
     def gradient(self, q: Array, T: Array) -> Array:
-        """Of the potential by the coordinates; it is quadratic in them, differences are exact."""
+        """Gradient of the potential, which is quadratic in q, so that differences are exact."""
         found = np.zeros(len(q))
         for a in range(len(q)):
             step = np.zeros(len(q))
