@@ -206,10 +206,12 @@ def contact_solution(
     """`contact_state` or `maximum_moment`, whose failures are in its result alone."""
     good = numbers_are_usable(drive, point)
     drive, point = harmless(drive, point, good)
-    drawable = layout(drive, throw=False).result
+    drawn = layout(drive, throw=False)
+    drawable = drawn.result
     drive, point = harmless(drive, point, succeeded(drawable))
-    made = _with_belt_of_the_string(assembled(drive, point))
-    drive, drawn, start = made.drive, made.drawn, _installed(made)
+    # The layout is at hand: that of the assembly would be compiled once more.
+    made = _with_belt_of_the_string(assembled(drive, point)._replace(drawn=drawn))
+    drive, start = made.drive, _installed(made)
     taken, scalable = _torques(drive, point, start.tension, maximum)
     groups, scales = contact_groups(drive, point, taken, start.tension)
     model = contact_model(groups, law)
