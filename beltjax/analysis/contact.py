@@ -36,6 +36,7 @@ from beltjax.results import (
 )
 
 Law = str | AbstractBeltLaw
+NO_SLIP = "a toothed belt does not slip: contact mechanics adds nothing to geometry and tensions;"
 _SLIPPING = 1e-9  # adhesion below minus this is gross slip [rad]
 # Where a search ends without a belt, at the last step of load (1/64) that had one:
 _BARE = 0.05  # of the tension at rest: a least P at a contact below it was about to be lost
@@ -120,8 +121,8 @@ def contact_state(
 
     Raises:
         KeyError: a torque is given for a pulley that is not there.
-        ValueError: a pulley with torque has no friction, the drive has several belts, or `law` is
-            unknown.
+        ValueError: a pulley with torque has no friction, the drive has several belts or a toothed
+            one, or `law` is unknown.
         AnalysisError: the result is a failure, and `throw` is set.
 
     Examples:
@@ -152,8 +153,8 @@ def maximum_moment(
 
     Raises:
         KeyError: a torque is given for a pulley that is not there.
-        ValueError: a pulley with torque has no friction, the drive has several belts, or `law` is
-            unknown.
+        ValueError: a pulley with torque has no friction, the drive has several belts or a toothed
+            one, or `law` is unknown.
         AnalysisError: the result is a failure, and `throw` is set.
     """
     return _contact(drive, point, law, True, throw)
@@ -165,6 +166,8 @@ def _contact(
     question = contact_question(law, maximum)
     if len(drive.belts) > 1:
         raise ValueError("Contact is found for one belt: extract each with `bj.one_belt`.")
+    if drive.belt.pitch is not None:
+        raise ValueError(f"Belt.pitch: {NO_SLIP} `bj.steady_state` gives them.")
     bare = without_friction(drive, point, maximum)
     if bare is not None:
         raise ValueError(f"Pulley {bare!r} has torque; contact needs its friction.")

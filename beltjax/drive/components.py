@@ -121,6 +121,10 @@ class Belt(Readable):
         metadata=number("m", "clearance is then measured from the belt's faces", at_least=0),
     )
     name: str = eqx.field(static=True, default="belt")
+    # Those of a standard, between which nothing lies, so that nothing is differentiated by them.
+    pitch: float | None = eqx.field(static=True, default=None)  # of the teeth [m]; None: no teeth
+    # Lengths along the neutral axis [m] in which the belt is sold.
+    standard_lengths: tuple[float, ...] = eqx.field(static=True, default=())
 
 
 class Pulley(Readable):

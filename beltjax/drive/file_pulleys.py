@@ -267,10 +267,7 @@ def _own_name(given: str | None, pulley: str, used: list[str], key: str, path: o
 def pulleys_content(drive: Drive) -> dict[str, Any]:
     """The keys of belts, pulleys, isolators and dampers of the file of a drive."""
     names = drive.pulley_names
-    belts = [
-        ({} if belt.name == "belt" else {"name": belt.name}) | numbers_content(belt)
-        for belt in drive.belts
-    ]
+    belts = [_belt_content(belt) for belt in drive.belts]
     isolators, dampers = [], []
     for part in drive.isolators:
         on = [name for name, flag in zip(names, part.pulleys.tolist(), strict=True) if flag]
@@ -326,4 +323,20 @@ def listed_content(drive: Drive) -> str | dict[str, str]:
 
 def belts_of(file: DriveTable) -> list[Belt]:
     """The belts of a file."""
-    return [Belt(name=belt.name, **given_numbers(belt, Belt)) for belt in file.belts]
+    return [
+        Belt(
+            name=belt.name,
+            pitch=belt.pitch,
+            standard_lengths=tuple(sorted(belt.standard_lengths or ())),
+            **given_numbers(belt, Belt),
+        )
+        for belt in file.belts
+    ]
+
+
+def _belt_content(belt: Belt) -> dict[str, Any]:
+    content: dict[str, Any] = {} if belt.name == "belt" else {"name": belt.name}
+    content |= numbers_content(belt)
+    content |= {} if belt.pitch is None else {"pitch": belt.pitch}
+    lengths = list(belt.standard_lengths)
+    return content | ({"standard_lengths": lengths} if lengths else {})

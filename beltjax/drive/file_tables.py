@@ -22,13 +22,31 @@ Two = Field(min_length=2, max_length=2)
 class BeltTable(Table):
     """[belt] or [[belt]]."""
 
+    translated = ("pitch_offset", "back_offset")
     name: Annotated[str, meaning("of its own, where there are several")] = "belt"
+    pitch: Annotated[
+        Annotated[float, Field(gt=0)] | None,
+        meaning(
+            "optional: from tooth to tooth of a toothed belt. It does not slip, so that its "
+            "pulleys have no friction",
+            "m",
+        ),
+    ] = None
+    standard_lengths: Annotated[
+        Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=1)] | None,
+        meaning(
+            "optional: a list of the lengths along the neutral axis in which the belt is sold, for "
+            "`beltjax layout`; of a toothed belt without one every whole number of teeth",
+            "m",
+        ),
+    ] = None
 
 
 @numbers_of(Pulley)
 class PulleyTable(Table):
     """[[pulley]]."""
 
+    translated = ("diameter", "effective_diameter", "smooth_diameter", "teeth", "groove_angle")
     name: Annotated[str, meaning("of its own")]
     face: Annotated[
         Literal["grooved", "back"],

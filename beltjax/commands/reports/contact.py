@@ -10,6 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from beltjax.analysis.contact import (
+    NO_SLIP,
     ContactState,
     contact_question,
     contact_solution,
@@ -118,6 +119,8 @@ def contact_report(
     except ValueError as error:
         raise FileError("--law", "", str(error).rstrip(".")) from error
     drive, point = _the_belt(*load_drive(path), belt, path)
+    if drive.belt.pitch is not None:
+        raise FileError(path, "belt.pitch", f"{NO_SLIP} `beltjax analyze` gives them")
     bare = without_friction(drive, point, maximum)
     if bare is not None:
         message = "is missing; this pulley has torque, which friction holds"
