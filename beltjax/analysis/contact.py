@@ -17,7 +17,13 @@ from beltjax.drive.canonical import canonical
 from beltjax.drive.components import as_real, concrete
 from beltjax.drive.contact_groups import ContactGroups, TravelOrder, contact_groups
 from beltjax.drive.groups import Scales
-from beltjax.drive.installation import AdjustedToMark, AdjustedToTension, BeltGiven, TensionGiven
+from beltjax.drive.installation import (
+    AdjustedToMark,
+    AdjustedToTension,
+    BeltGiven,
+    Preloaded,
+    TensionGiven,
+)
 from beltjax.drive.layout import Layout, layout
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.placeholders import harmless, numbers_are_usable
@@ -267,10 +273,13 @@ class _Start(NamedTuple):
 def _with_belt_of_the_string(made: Assembly) -> Assembly:
     """`made`; where its tension is that of a string, with the belt and springs that gives it."""
     rule = made.rule
-    if not isinstance(rule, TensionGiven) or rule.tension_of != "string":
+    if isinstance(rule, Preloaded):
+        string = installed_by_tension(made).held
+    elif isinstance(rule, TensionGiven) and rule.tension_of == "string":
+        tension = jnp.full_like(made.drawn.span_lengths, rule.tension)
+        string = held_by_tensions(made, made.drawn, tension, made.still)
+    else:
         return made
-    tension = jnp.full_like(made.drawn.span_lengths, rule.tension)
-    string = held_by_tensions(made, made.drawn, tension, made.still)
     free = string.free if len(string.free) else None
     given = BeltGiven(string.lengths[0], free=free)
     return made._replace(drive=dataclasses.replace(made.drive, installation=given))
@@ -285,6 +294,7 @@ def _installed(made: Assembly) -> _Start:
         at = fixed(jnp.where(place.converged, place.coordinates, 0.0))
         length = rule.belt_length if isinstance(rule, AdjustedToTension) else jnp.ones(())
         return _Start(rule.tension, at, length, still, at, RESULTS.successful)
+    assert not isinstance(rule, Preloaded)  # the belt of its string is given by now
     string = resting(made)
     rested = succeeded(string.result)
     at, bare = (
@@ -330,6 +340,7 @@ def contact_model(groups: ContactGroups, law: AbstractBeltLaw) -> physics.Contac
         together=groups.springs.together,
         floating=groups.springs.floating,
         first=groups.springs.first,
+        loads=groups.loads,
         motion=motion,
     )
 

@@ -5,11 +5,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from beltjax.drive.bodies import Springs, bodies, springs
+from beltjax.drive.bodies import Springs, bodies, loads, springs
 from beltjax.drive.groups import Scales, ways
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
-from beltjax.numerics.rigid_bodies import Bodies
+from beltjax.numerics.rigid_bodies import Bodies, Loads, Weights
 
 
 class ContactGroups(eqx.Module):
@@ -30,6 +30,7 @@ class ContactGroups(eqx.Module):
     housed: Float[Array, " pulleys"]
     springs: Springs
     stiffness: Float[Array, "coordinates coordinates"]  # of the springs
+    loads: Loads
     belt_speed: Float[Array, ""] | None
     driver_speed: Float[Array, ""] | None  # of its surface
     mass_flow: Float[Array, ""] | None
@@ -89,6 +90,7 @@ def contact_groups(
         housed=jax.lax.stop_gradient(jnp.stack([p.housed for p in drive.pulleys]))[order],
         springs=of_springs,
         stiffness=of_springs.matrix * units[:, None] * units / (base_tension * length),
+        loads=_scaled(loads(drive), units, base_tension, length),
         belt_speed=None if point.belt_speed is None else point.belt_speed / speed,
         driver_speed=surface,
         mass_flow=None
@@ -96,3 +98,17 @@ def contact_groups(
         else point.mass_flow / (belt.mass_per_length * speed),
     )
     return groups, Scales(length=length, tension=base_tension, time=length / speed)
+
+
+def _scaled(
+    of: Loads,
+    units: Float[Array, " coordinates"],
+    tension: Float[Array, ""],
+    length: Float[Array, ""],
+) -> Loads:
+    """Loads in pure numbers."""
+    constant = of.constant * units / (tension * length)
+    if of.weights is None:
+        return Loads(constant, None)
+    x, y, force_x, force_y = of.weights
+    return Loads(constant, Weights(x / length, y / length, force_x / tension, force_y / tension))

@@ -12,6 +12,7 @@ from pydantic_core import PydanticCustomError
 from beltjax.drive.components import ArmSpring, Belt, Damper, Isolator, Pulley, Tensioner
 from beltjax.drive.installation import BeltGiven, TensionGiven
 from beltjax.drive.operation import ExcitationGiven, OperatingPoint
+from beltjax.drive.system import Drive
 from beltjax.files.tables import Table, meaning, meaning_of, numbers_of, valid
 from beltjax.files.units import shown, to_si
 
@@ -88,12 +89,14 @@ class PulleyTable(Table):
 class ArmTable(Table):
     """[tensioner]: one rotary arm, whose stops are directions."""
 
+    translated = ("preload", "at_angle")
     pulley: Annotated[str, meaning("the name of the pulley it carries")]
 
 
 class CarrierTable(Table):
     """What every [[tensioner]] has."""
 
+    translated = ("preload", "at_angle")
     name: Annotated[str | None, meaning("of its own, where there are several")] = None
     kind: Annotated[
         Literal["rotary", "linear", "twin-arm"],
@@ -325,6 +328,7 @@ OneBody = Annotated[
 ]
 
 
+@numbers_of(Drive, only=("gravity",))
 class DriveTable(Table):
     """A drive file."""
 
@@ -357,7 +361,7 @@ class DriveTable(Table):
     arm_spring: Annotated[list[ArmSpringTable], Field(default_factory=list)]
     isolator: Annotated[list[IsolatorTable], Field(default_factory=list)]
     damper: Annotated[list[DamperTable], Field(default_factory=list)]
-    installation: RuleTable
+    installation: Annotated[RuleTable, Field(default_factory=RuleTable)]
     operation: OperationTable
     excitation: ExcitationTable | None = None
     model: Annotated[ModelTable, Field(default_factory=ModelTable)]

@@ -17,6 +17,7 @@ from beltjax.drive.file_bodies import (
     require_one_arm,
 )
 from beltjax.drive.file_makers_data import in_terms_of_the_drive
+from beltjax.drive.file_preloads import springs_as_positions
 from beltjax.drive.file_pulleys import (
     Wheels,
     belts_of,
@@ -34,6 +35,7 @@ from beltjax.drive.file_tables import DriveTable, ModelTable, OperationTable
 from beltjax.drive.file_units import units_used
 from beltjax.drive.numbers import SPEEDS
 from beltjax.drive.operation import ExcitationGiven, OperatingPoint
+from beltjax.drive.preloaded import require_tension
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
 from beltjax.files.reading import read_toml
@@ -86,6 +88,7 @@ def load_geometry(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint, 
     content = _content(path)
     operation = content.get("operation", {})
     given = isinstance(operation, dict) and any(f"operation.{key}" in SPEEDS for key in operation)
+    content = springs_as_positions(content, path)
     return *_described(_with_stand_ins(content, given), path), given
 
 
@@ -124,7 +127,8 @@ def _described(
 ) -> tuple[Drive, OperatingPoint]:
     """The drive and the operating point of a file's content."""
     require_one_arm(content, path)
-    file = validated(DriveTable, in_terms_of_the_drive(content, path), path)
+    plain = springs_as_positions(in_terms_of_the_drive(content, path), path)
+    file = validated(DriveTable, plain, path)
     wheels = Wheels(file, path)
     of = read_bodies(file, wheels.shafts, path)
     _require_operation(file.operation, path)
@@ -140,9 +144,12 @@ def _described(
         dampers=dampers_of(file, wheels, path),
         model=_model(file),
         name=file.name,
+        gravity=file.number("gravity"),
     )
     drive = dataclasses.replace(drive, units=units_used(content, drive))
-    return require_possible_layout(drive, listed, path), _operating_point(file)
+    drive, point = require_possible_layout(drive, listed, path), _operating_point(file)
+    require_tension(drive, point, path)
+    return drive, point
 
 
 def save_drive(path: str | os.PathLike[str], drive: Drive, point: OperatingPoint) -> None:
@@ -179,7 +186,8 @@ def drive_content(drive: Drive, point: OperatingPoint) -> dict[str, Any]:
         "model": _model_content(drive.model) or None,
         **pulleys_content(drive),
         **bodies_content(drive),
-        "installation": installation_content(drive),
+        "gravity": None if drive.gravity is None else np.asarray(drive.gravity).tolist(),
+        "installation": installation_content(drive) or None,
         "operation": numbers_content(point)
         | {
             "travel": word(TRAVELS, point.travel),

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from beltjax.drive.bodies import bodies
-from beltjax.drive.installation import BeltGiven, TensionGiven
+from beltjax.drive.installation import BeltGiven, Preloaded, TensionGiven
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.shafts import transmission
 from beltjax.drive.system import Drive
@@ -59,11 +59,13 @@ def one_belt(drive: Drive, point: OperatingPoint, name: str) -> tuple[Drive, Ope
         *(len(drive.tensioners) + drive.arm_springs.index(spring) for spring in springs),
     ]
     rule = drive.installation
-    if not isinstance(rule, TensionGiven | BeltGiven):
+    if not isinstance(rule, TensionGiven | BeltGiven | Preloaded):
         raise ValueError(f"Belt {name!r}: its installation adjusts a tensioner; give its length.")
     changes = {} if rule.free is None else {"free": np.asarray(rule.free)[kept]}
     if isinstance(rule, TensionGiven):
         rule = dataclasses.replace(rule, tension=rule.tension[which], **changes)
+    elif isinstance(rule, Preloaded):
+        rule = dataclasses.replace(rule, **changes)
     else:
         free = changes.get("free") if kept else None
         rule = dataclasses.replace(rule, belt_length=rule.belt_length[which], free=free)
@@ -82,6 +84,7 @@ def one_belt(drive: Drive, point: OperatingPoint, name: str) -> tuple[Drive, Ope
         ),
         model=drive.model,
         sense=sense,
+        gravity=drive.gravity,
         name=f"{drive.name}, {name}",
     )
     torque = {

@@ -20,6 +20,7 @@ from beltjax.drive.components import (
     Model,
     Pulley,
     Tensioner,
+    as_optional,
     as_sense,
     concrete,
     require_shape,
@@ -27,6 +28,7 @@ from beltjax.drive.components import (
 from beltjax.drive.installation import BeltGiven, Installation, TensionGiven
 from beltjax.drive.readable import Readable
 from beltjax.drive.units_of_file import UnitsOfFile
+from beltjax.files.fields import number
 
 
 def span_names(pulleys: Sequence[str]) -> tuple[str, ...]:
@@ -65,6 +67,16 @@ class Drive(Readable):
     sense: Float[Array, "*belts"] = eqx.field(converter=as_sense)  # of several belts, each
     name: str = eqx.field(static=True)
     units: UnitsOfFile = eqx.field(static=True)  # in which the drive's file gives its numbers
+    gravity: Float[Array, "2"] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number(
+            "m/s^2",
+            "`[x, y]`, such as `[0, -9.81]`: pulls every tensioner that has a `mass`, at its "
+            "`mass_center`",
+            parts=("x", "y"),
+        ),
+    )
 
     def __init__(
         self,
@@ -82,6 +94,7 @@ class Drive(Readable):
         dampers: Sequence[Damper] = (),
         model: Model | None = None,
         units: UnitsOfFile | None = None,
+        gravity: Any = None,
     ):
         if installation is None:
             raise ValueError("A drive needs an installation: TensionGiven, BeltGiven or another.")
@@ -100,7 +113,7 @@ class Drive(Readable):
         )
         self.units = UnitsOfFile() if units is None else units
         self.model = Model() if model is None else model
-        self.sense, self.name = sense, name
+        self.sense, self.name, self.gravity = sense, name, gravity
 
     def __check_init__(self):
         if not self.belts:

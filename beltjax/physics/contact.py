@@ -21,7 +21,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from beltjax.numerics.rigid_bodies import Bodies, Coordinates, Placed, placed
+from beltjax.numerics.rigid_bodies import Bodies, Coordinates, Loads, Placed, placed
 from beltjax.physics.belt_law import AbstractBeltLaw
 from beltjax.physics.elastica import Span, SpanData, separatrix, span_at, span_start
 
@@ -58,6 +58,7 @@ class ContactModel(NamedTuple):
     together: Float[Array, "coordinates coordinates"]  # bodies that float together
     floating: Coordinates
     first: Coordinates  # 1 for the first body of those that float together
+    loads: Loads
     motion: BeltMotion
 
 
@@ -90,7 +91,7 @@ class Loop(NamedTuple):
     V_ref: Scalar
     unstretched: Spans  # lengths of the spans
     on_pulleys: Pulleys  # unstretched lengths
-    push: Coordinates  # of the belt and of the accessories' reactions on the bodies
+    push: Coordinates  # of the belt, of the accessories' reactions and of loads on the bodies
 
 
 def joined(unknown: Unknown, model: ContactModel) -> Loop:
@@ -111,7 +112,7 @@ def joined(unknown: Unknown, model: ContactModel) -> Loop:
     there = _placed(unknown.q, model)
     pull_x, pull_y = force_x - _preceding(force_x), force_y - _preceding(force_y)
     reaction = mod.housed * mod.pull * mod.rho * jnp.exp(unknown.scale)
-    push = pull_x @ there.by_x + pull_y @ there.by_y
+    push = pull_x @ there.by_x + pull_y @ there.by_y + mod.loads.push(mod.bodies, unknown.q)
     return Loop(
         data=data,
         spans=spans,
