@@ -121,6 +121,16 @@ class Belt(Readable):
         default=None,
         metadata=number("m", "clearance is then measured from the belt's faces", at_least=0),
     )
+    allowable_tension: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number(
+            "N",
+            "the maker's limit, of the whole width: `analyze` warns above it, and studies have the "
+            "quantity `tension_reserve`",
+            above=0,
+        ),
+    )
     name: str = eqx.field(static=True, default="belt")
     # Those of a standard, between which nothing lies, so that nothing is differentiated by them.
     pitch: float | None = eqx.field(static=True, default=None)  # of the teeth [m]; None: no teeth

@@ -33,6 +33,13 @@ class BeltTable(Table):
             "m",
         ),
     ] = None
+    crossed: Annotated[
+        bool,
+        meaning(
+            "`true` where it crosses between its two pulleys, which then turn opposite ways; both "
+            'are given as `"grooved"`'
+        ),
+    ] = False
     standard_lengths: Annotated[
         Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=1)] | None,
         meaning(
@@ -129,6 +136,13 @@ def _of_both_arms(value: Any) -> Any:
     """Stops for each of two arms, where one pair is given for both."""
     pair = isinstance(value, list) and not any(isinstance(part, list) for part in value)
     return [value, value] if pair and len(value) == 2 else value
+
+
+def _length(value: Any) -> float:
+    try:
+        return to_si(value, "m")
+    except ValueError as error:
+        raise PydanticCustomError("unit", "{text}", {"text": str(error)}) from error
 
 
 def _direction(value: Any) -> list[float]:
@@ -344,6 +358,15 @@ class DriveTable(Table):
             '`"counterclockwise"` or `"clockwise"`: the sense in which the pulleys are listed; of '
             "several belts a table by their names. May be left out where only one sense gives a "
             "simple path"
+        ),
+    ] = None
+    origin: Annotated[
+        Annotated[list[Annotated[float, BeforeValidator(_length)]], Two] | None,
+        meaning(
+            "optional: `[x, y]`, the point of the site from which the file's coordinates are "
+            "counted. Coordinates far from their origin are read with all their digits, and "
+            "counted from a point near the drive: a saved file has that one",
+            "m",
         ),
     ] = None
     belt: Annotated[

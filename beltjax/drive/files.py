@@ -17,6 +17,7 @@ from beltjax.drive.file_bodies import (
     require_one_arm,
 )
 from beltjax.drive.file_makers_data import in_terms_of_the_drive
+from beltjax.drive.file_origin import near_the_origin
 from beltjax.drive.file_preloads import springs_as_positions
 from beltjax.drive.file_pulleys import (
     Wheels,
@@ -88,7 +89,10 @@ def load_geometry(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint, 
     content = _content(path)
     operation = content.get("operation", {})
     given = isinstance(operation, dict) and any(f"operation.{key}" in SPEEDS for key in operation)
-    content = springs_as_positions(content, path)
+    near, origin = near_the_origin(content)
+    content = springs_as_positions(near, path)
+    if any(origin):
+        content = content | {"origin": list(origin)}
     return *_described(_with_stand_ins(content, given), path), given
 
 
@@ -127,7 +131,8 @@ def _described(
 ) -> tuple[Drive, OperatingPoint]:
     """The drive and the operating point of a file's content."""
     require_one_arm(content, path)
-    plain = springs_as_positions(in_terms_of_the_drive(content, path), path)
+    near, origin = near_the_origin(content)
+    plain = springs_as_positions(in_terms_of_the_drive(near, path), path)
     file = validated(DriveTable, plain, path)
     wheels = Wheels(file, path)
     of = read_bodies(file, wheels.shafts, path)
@@ -145,6 +150,7 @@ def _described(
         model=_model(file),
         name=file.name,
         gravity=file.number("gravity"),
+        origin=origin if file.origin is None else (file.origin[0], file.origin[1]),
     )
     drive = dataclasses.replace(drive, units=units_used(content, drive))
     drive, point = require_possible_layout(drive, listed, path), _operating_point(file)
@@ -186,6 +192,7 @@ def drive_content(drive: Drive, point: OperatingPoint) -> dict[str, Any]:
         "model": _model_content(drive.model) or None,
         **pulleys_content(drive),
         **bodies_content(drive),
+        "origin": list(drive.origin) if any(drive.origin) else None,
         "gravity": None if drive.gravity is None else np.asarray(drive.gravity).tolist(),
         "installation": installation_content(drive) or None,
         "operation": numbers_content(point)

@@ -68,6 +68,8 @@ class Drive(Readable):
     sense: Float[Array, "*belts"] = eqx.field(converter=as_sense)  # of several belts, each
     name: str = eqx.field(static=True)
     units: UnitsOfFile = eqx.field(static=True)  # in which the drive's file gives its numbers
+    # The point of the site from which all coordinates are counted [m].
+    origin: tuple[float, float] = eqx.field(static=True, default=(0.0, 0.0))
     gravity: Float[Array, "2"] | None = eqx.field(
         converter=as_optional,
         default=None,
@@ -96,6 +98,7 @@ class Drive(Readable):
         model: Model | None = None,
         units: UnitsOfFile | None = None,
         gravity: Any = None,
+        origin: tuple[float, float] = (0.0, 0.0),
     ):
         if installation is None:
             raise ValueError("A drive needs an installation: TensionGiven, BeltGiven or another.")
@@ -115,6 +118,7 @@ class Drive(Readable):
         self.units = UnitsOfFile() if units is None else units
         self.model = Model() if model is None else model
         self.sense, self.name, self.gravity = sense, name, gravity
+        self.origin = (float(origin[0]), float(origin[1]))
 
     def __check_init__(self):
         if not self.belts:

@@ -256,7 +256,8 @@ def _wraps(spans: Span, across: Spans, up: Spans, d: Spans, model: ContactModel)
     """Angles by which the pulleys turn the belt; negative where it would have to bend back.
 
     The angles of a string, which are taken in (-90, 270) degrees, decide about full turns. A large
-    pulley beside a small one may take more than 270 degrees: the belt turns once in all.
+    pulley beside a small one may take more than 270 degrees: the belt turns once in all. A crossed
+    belt does not, and takes (0, 360) degrees of both its pulleys.
     """
     cos, sin, loops = across / d, up / d, model.loops
     rise = jnp.clip((model.rho - loops.following(model.rho)) / d, -1.0, 1.0)
@@ -267,9 +268,11 @@ def _wraps(spans: Span, across: Spans, up: Spans, d: Spans, model: ContactModel)
     straight = turn * jnp.arctan2(
         before_x * along_y - before_y * along_x, before_x * along_x + before_y * along_y
     )
-    straight = jnp.where(straight < -jnp.pi / 2, straight + 2 * jnp.pi, straight)
+    crossed = loops.crossed(turn)
+    least = loops.spread(crossed - 1) * jnp.pi / 2
+    straight = jnp.where(straight < least, straight + 2 * jnp.pi, straight)
     once = jnp.abs(loops.sums(turn * straight)) > jnp.pi
-    short = jnp.where(once, 0.0, 2 * jnp.pi)
+    short = jnp.where(once | (crossed > 0), 0.0, 2 * jnp.pi)
     straight = straight + loops.at_smallest(straight) * loops.spread(short)
     string = jnp.arctan2(rise, run)
     start, end = inclinations(spans, model)

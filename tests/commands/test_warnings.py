@@ -1,5 +1,7 @@
 """Warnings of commands that look at many states: the worst of those that were found counts."""
 
+import dataclasses
+import re
 from types import SimpleNamespace
 
 import jax
@@ -8,7 +10,7 @@ import pytest
 from drives import example
 
 import beltjax as bj
-from beltjax.commands.reports.warnings import response_warnings, sweep_warnings
+from beltjax.commands.reports.warnings import response_warnings, steady_warnings, sweep_warnings
 
 RATIOS = np.array([[0.05, 0.1, 0.14], [0.05, 0.1, 0.2], [0.3, np.nan, np.nan]])
 
@@ -36,3 +38,34 @@ def test_a_response_warns_of_stiff_belts_and_of_slack_spans():
     )
     codes = [one["code"] for one in response_warnings(drive, found)]
     assert codes == ["belt_stiff_on_pulley", "span_slackens"]
+
+
+def test_tensions_above_the_maker_s_limit_are_named():
+    """Without torques all spans have 300 N at rest, and eta of 20 m/s takes some of it."""
+    drive, point = example("three_pulley")
+    steady = bj.steady_state(drive, point)
+    most = float(np.max(steady.running_tensions))
+
+    def limited(limit):
+        belt = dataclasses.replace(drive.belt, allowable_tension=limit)
+        return dataclasses.replace(drive, belts=(belt,))
+
+    def above(drive):
+        code = "tension_above_allowable"
+        return [one for one in steady_warnings(drive, steady) if one["code"] == code]
+
+    (one,) = above(limited(most - 1))
+    assert re.search(rf"\S+-\S+ has {most:.4g} N of {most - 1:.4g} N", one["text"])
+    assert above(limited(most + 1)) == above(drive) == []
+
+
+def test_studies_know_what_is_left_of_the_limit():
+    drive, point = example("three_pulley")
+    with pytest.raises(KeyError, match="belt 'belt' has no allowable_tension"):
+        bj.optimize.find_quantity("tension_reserve", drive)
+    belt = dataclasses.replace(drive.belt, allowable_tension=500.0)
+    drive = dataclasses.replace(drive, belts=(belt,))
+    analyses = bj.optimize.DriveAnalyses(drive, point, bj.steady_state(drive, point))
+    found = bj.optimize.find_quantity("tension_reserve", drive).measure(analyses)
+    np.testing.assert_allclose(found[:3], 200.0, rtol=1e-9)
+    np.testing.assert_allclose(found[3:], 500 - analyses.steady.running_tensions, rtol=1e-12)

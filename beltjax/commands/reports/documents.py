@@ -32,7 +32,7 @@ class WarningPart(Part):
 
     code: str = meaning(
         "`belt_stiff_on_pulley`, `tensioner_moves_far`, `span_slackens` (members of "
-        "`bj.RESULTS`), `damper_on_given_motion` or `modes_left_out`"
+        "`bj.RESULTS`), `tension_above_allowable`, `damper_on_given_motion` or `modes_left_out`"
     )
     text: str = meaning("the same in words, with names and numbers")
 
