@@ -52,7 +52,8 @@ def fixed_numbers(study: Study) -> list[str]:
     Returns:
         Keys of the drive file.
     """
-    moved = {full_key(study.drive, name) for name in study.variables.names}
+    tied = () if study.ties is None else study.ties.names
+    moved = {full_key(study.drive, name) for name in (*study.variables.names, *tied)}
     for name in filter(is_relative, tuple(moved)):
         moved |= moved_with(name)
     names = [n for n in number_names(study.drive) if n not in moved and n not in SPEEDS]
