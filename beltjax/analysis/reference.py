@@ -47,8 +47,8 @@ from beltjax.results import (
     succeeded,
 )
 
-# Scales of the forces on bodies beside their distances to stops: Newton's method may turn in circles
-# with one, holding and releasing a stop, and not with another.
+# Scales of the forces on bodies beside their distances to stops: with one of them Newton's method
+# may turn in circles, holding and releasing a stop, and not with another.
 _SCALES = (1.0, 10.0, 0.1, 0.01)
 LARGEST_STRAIN = 0.1  # a belt breaks before it is stretched so far
 
