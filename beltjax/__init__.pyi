@@ -40,6 +40,7 @@ from .drive.components import Model as Model
 from .drive.components import Pulley as Pulley
 from .drive.components import Tensioner as Tensioner
 from .drive.files import load_drive as load_drive
+from .drive.files import load_duties as load_duties
 from .drive.files import save_drive as save_drive
 from .drive.installation import AdjustedToMark as AdjustedToMark
 from .drive.installation import AdjustedToTension as AdjustedToTension
@@ -48,6 +49,7 @@ from .drive.installation import TensionGiven as TensionGiven
 from .drive.layout import Layout as Layout
 from .drive.layout import alignment_angles as alignment_angles
 from .drive.layout import layout as layout
+from .drive.loads import Load as Load
 from .drive.one_belt import one_belt as one_belt
 from .drive.operation import ExcitationGiven as ExcitationGiven
 from .drive.operation import OperatingPoint as OperatingPoint

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from pydantic import Field
 
+from beltjax.drive.loads import without_load
 from beltjax.drive.numbers import require_numbers
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
@@ -72,9 +73,15 @@ def read_cases(
         if table.name in names or not table.name or "@" in table.name:
             raise FileError(path, key, "needs a name of its own without '@'; rename it")
         torque = _torques(table, drive, point, path)
+        # Its own torque is all that a pulley takes; the structure of all points is one.
+        load = {
+            name: without_load(one) if name in (table.torque or {}) else one
+            for name, one in point.load.items()
+        }
         for speed in _speeds(table, point, path):
             names.append(table.name)
-            points.append(dataclasses.replace(point, torque=torque, excitation=None, **speed))
+            given = speed | {"torque": torque, "load": load}
+            points.append(dataclasses.replace(point, excitation=None, **given))
     rules = {point.belt_speed is None for point in points}
     if len(rules) > 1:
         raise FileError(

@@ -15,9 +15,9 @@ RATIOS = np.array([[0.05, 0.1, 0.14], [0.05, 0.1, 0.2], [0.3, np.nan, np.nan]])
 
 @pytest.mark.parametrize(("good", "stiff"), [([1, 0, 0], []), ([1, 1, 0], ["accessory (0.2)"])])
 def test_a_sweep_warns_of_the_belt_that_is_stiff_at_one_of_its_values(good, stiff):
-    drive, _ = example("three_pulley")
+    drive, point = example("three_pulley")
     found = SimpleNamespace(stiffness_ratios=RATIOS, good=np.array(good, bool))
-    warned = sweep_warnings(drive, found)
+    warned = sweep_warnings(drive, point, found)
     assert [one["code"] for one in warned] == ["belt_stiff_on_pulley"] * len(stiff)
     for name in stiff:
         assert f"stiff for {name}: sqrt(EI/T)/radius is above 0.15" in warned[0]["text"]

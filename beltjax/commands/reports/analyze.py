@@ -196,7 +196,7 @@ def analyze_document(drive: Drive, point: OperatingPoint, found: Sensitivities) 
         "drive": drive.name,
         "model": model_flags(drive),
         "success": running,
-        "warnings": steady_warnings(drive, steady),
+        "warnings": steady_warnings(drive, point, steady),
         "layout": _layout(drive, steady),
         "reference": _reference(drive, steady, rested) if rests else None,
         "groups": _groups(steady) if rested else None,
