@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from pydantic import Field
 
+from beltjax.drive.duties import stacked
 from beltjax.drive.loads import without_load
 from beltjax.drive.numbers import require_numbers
 from beltjax.drive.operation import OperatingPoint
@@ -93,6 +94,19 @@ def read_cases(
         repeated = jax.tree.map(lambda x: jnp.stack([x] * len(points)), shaken)
         stacked = dataclasses.replace(stacked, excitation=repeated)
     return Cases(stacked, tuple(names))
+
+
+def cases_of_duties(duties: dict[str, OperatingPoint], path: object) -> Cases | None:
+    """The duties of a drive file as operating points of a study; None where there are none.
+
+    Raises `FileError` for duties that cannot be measured together.
+    """
+    if not duties:
+        return None
+    try:
+        return Cases(stacked(duties), tuple(duties))
+    except ValueError as error:
+        raise FileError(path, "duty", str(error)) from error
 
 
 def _torques(

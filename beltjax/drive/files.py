@@ -71,8 +71,13 @@ def load_drive(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint]:
         >>> drive, point = bj.load_drive("examples/three_pulley.toml")
         >>> drive.pulley_names
     """
-    drive, runs = _described(_content(path), path)
+    drive, runs = load_runs(path)
     return drive, runs.point
+
+
+def load_runs(path: str | os.PathLike[str]) -> tuple[Drive, Runs]:
+    """The drive of a file, its operating point and its duties; raises as `load_drive` does."""
+    return _described(_content(path), path)
 
 
 def load_duties(path: str | os.PathLike[str]) -> tuple[Drive, dict[str, OperatingPoint]]:
@@ -96,7 +101,7 @@ def load_duties(path: str | os.PathLike[str]) -> tuple[Drive, dict[str, Operatin
         >>> drive, duties = bj.load_duties("examples/three_pulley.toml")
         >>> {name: bj.steady_state(drive, point) for name, point in duties.items()}
     """
-    drive, runs = _described(_content(path), path)
+    drive, runs = load_runs(path)
     return drive, runs.duties or {OPERATION: runs.point}
 
 

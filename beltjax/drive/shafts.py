@@ -24,6 +24,7 @@ class Transmission(NamedTuple):
     torques: Float[Array, " pulleys"]  # taken from that belt [N m]
     turning: Float[Array, " pulleys"]  # +1 where the pulley turns counterclockwise, -1 clockwise
     gives: Float[Array, " pulleys"]  # 1 for the pulley that gives its belt what the others take
+    given: Float[Array, " pulleys"]  # torque that the point gives each pulley itself [N m]
     outside: Bool[Array, " pulleys"]  # whether the speed lies outside of the table of its load
     at_standstill: Bool[Array, " pulleys"]  # whether a load takes power where nothing turns
 
@@ -57,11 +58,11 @@ def transmission(drive: Drive, point: "OperatingPoint") -> Transmission:
         reached = jnp.minimum(reached + of_belt.T @ (of_belt @ next_near), 1.0)
     speeds = jnp.abs(ratio) * point.speed(drive)
     given, outside, at_standstill = _given(drive, point, speeds / radii)
-    given = on_shaft.T @ (on_shaft @ given)
+    on_its_shaft = on_shaft.T @ (on_shaft @ given)
     torques: Float[Array, " pulleys"] = jnp.zeros(count)
     for _ in drive.belts:
         passed = on_shaft.T @ (on_shaft @ (near * torques))
-        taken = (1 - near) * (given - passed)
+        taken = (1 - near) * (on_its_shaft - passed)
         torques = jnp.asarray(taken) - near * radii * (of_belt.T @ (of_belt @ (taken / radii)))
     travel = jax.lax.stop_gradient(jnp.sign(ratio))
     return Transmission(
@@ -70,6 +71,7 @@ def transmission(drive: Drive, point: "OperatingPoint") -> Transmission:
         torques=torques,
         turning=travel * left,
         gives=jnp.asarray(near),
+        given=given,
         outside=outside & (driving == 0),
         at_standstill=at_standstill & (driving == 0),
     )

@@ -35,8 +35,9 @@ def _loads_outside(*runs: tuple[Drive, OperatingPoint]) -> Warnings:
     """Pulleys that turn faster or slower than the tables of their loads say, in one of the runs."""
     found: dict[str, str] = {}
     for drive, point in runs:
-        driven = transmission(drive, point) if point.load else None
-        for name, load in point.load.items():
+        tables = {name: load for name, load in point.load.items() if load.speed is not None}
+        driven = transmission(drive, point) if tables else None
+        for name, load in tables.items():
             k = drive.pulley(name)
             if driven is not None and load.speed is not None and driven.outside[k]:
                 speeds = driven.speeds[k] / drive.radii[k], load.speed[0], load.speed[-1]
