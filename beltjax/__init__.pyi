@@ -51,7 +51,6 @@ from .drive.layout import Layout as Layout
 from .drive.layout import alignment_angles as alignment_angles
 from .drive.layout import layout as layout
 from .drive.loads import Load as Load
-from .drive.one_belt import one_belt as one_belt
 from .drive.operation import ExcitationGiven as ExcitationGiven
 from .drive.operation import OperatingPoint as OperatingPoint
 from .drive.system import Drive as Drive

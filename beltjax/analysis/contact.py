@@ -22,6 +22,7 @@ from beltjax.drive.layout import Layout, layout
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.placeholders import harmless, numbers_are_usable
 from beltjax.drive.readable import Readable
+from beltjax.drive.shafts import on_driving_shaft
 from beltjax.drive.system import Drive
 from beltjax.numerics.derivative_rules import differentiated_once
 from beltjax.physics import contact as physics
@@ -43,10 +44,11 @@ _NARROW = 0.02  # a wrap below it was about to vanish [rad]
 
 
 class ContactState(Readable):
-    """Belt and pulleys in contact, in listed order; a span's start is at its first listed pulley.
+    """Belts and pulleys in contact, in listed order; a span's start is at its first listed pulley.
 
     Angles of spans are inclinations of the belt going from start to end, from the line of
-    centers, positive towards the outside of the loop.
+    centers, positive towards the outside of the loop. What belongs to a belt is a single number
+    where there is one belt, and has an entry for each where there are several.
     """
 
     wraps: Float[Array, " pulleys"]  # [rad]; 0 where the belt touches at one point
@@ -60,21 +62,21 @@ class ContactState(Readable):
     tensions: Float[Array, "spans 3"]  # at start, half the arc length and end [N]
     speeds: Float[Array, "spans 2"]  # of the belt, at start and end [m/s]
     angles: Float[Array, "spans 2"]  # at start and end [rad]
-    unstretched_length: Float[Array, ""]  # L0 [m]
-    unstretched_speed: Float[Array, ""]  # V_ref [m/s]
-    mass_flow: Float[Array, ""]  # G [kg/s]
+    unstretched_length: Float[Array, "*belts"]  # L0 [m]
+    unstretched_speed: Float[Array, "*belts"]  # V_ref [m/s]
+    mass_flow: Float[Array, "*belts"]  # G [kg/s]
     efficiency: Float[Array, ""]  # power delivered over power taken up
-    driver_moment: Float[Array, ""]  # magnitude [N m]
+    driver_moment: Float[Array, ""]  # that its shaft gives to all belts, magnitude [N m]
     torque_factor: Float[Array, ""]  # on the operating point's torques; 1 unless they were scaled
     coordinates: Float[Array, " coordinates"]  # from the drawn positions [rad] or [m]
     installed: Float[Array, " coordinates"]  # at rest without torques
     at_stop: Float[Array, " coordinates"]  # -1 at the least, 1 at the greatest coordinate, else 0
     arm_angle: Float[Array, ""] | None  # direction of a single arm [rad]
     free_angle: Float[Array, ""] | None  # with its spring relaxed
-    order: TravelOrder  # of what is listed, as the belt meets it
-    forward: Bool[Array, ""]  # whether the belt runs in the listed order
-    inside_left: Bool[Array, ""]  # whether the loop's inside is on the left of the running belt
-    model: physics.ContactModel  # in the units of `scales`, along the belt's travel
+    order: TravelOrder  # of what is listed, as the belts meet it
+    forward: Bool[Array, " spans"]  # whether the belt runs in the listed order
+    inside_left: Bool[Array, " spans"]  # whether the loop's inside is left of the running belt
+    model: physics.ContactModel  # in the units of `scales`, along the belts' travel
     solved: search.Solved
     scales: Scales
     error: Float[Array, ""]  # residual of the equations before the last Newton step: an upper bound
@@ -91,11 +93,11 @@ class ContactState(Readable):
 def contact_state(
     drive: Drive, point: OperatingPoint, *, law: Law = "kong", throw: bool = True
 ) -> ContactState:
-    """The running belt on its pulleys: contact points, arcs of slip and adhesion, tensions, speeds.
+    """The running belts on their pulleys: contact points, arcs of slip and adhesion, tensions.
 
     The model has belt inertia, bending stiffness, creep and large rotations: Kong (2003), chapter
-    5, for any number of pulleys on either face and any tensioners; docs/theory/contact.md, (C1) to
-    (C25).
+    5, for any number of pulleys on either face, any tensioners and any belts that shafts join;
+    docs/theory/contact.md, (C1) to (C26).
     `installation.tension` is the mean over the spans of the tension at half their length, at
     rest without torques; with `tension_of="string"` it is the tension of the same belt as a
     string. `law` is a belt law or the name of one: `"kong"` is T = EA e, `"hyperelastic"` is
@@ -110,7 +112,7 @@ def contact_state(
     derivatives are NaN where the tension is given.
 
     Args:
-        drive: a drive with one belt; `one_belt` extracts a belt of several.
+        drive: a drive of one belt or several.
         point: speeds and torques.
         law: the belt law, or its name.
         throw: raise where the result is a failure.
@@ -120,8 +122,8 @@ def contact_state(
 
     Raises:
         KeyError: a torque is given for a pulley that is not there.
-        ValueError: a pulley with torque has no friction, the drive has several belts, or `law` is
-            unknown.
+        ValueError: a pulley with torque has no friction, `mass_flow` is given for several belts,
+            or `law` is unknown.
         AnalysisError: the result is a failure, and `throw` is set.
 
     Examples:
@@ -142,7 +144,7 @@ def maximum_moment(
     docs/contact.md.
 
     Args:
-        drive: a drive with one belt.
+        drive: a drive of one belt or several.
         point: speeds, and torques whose proportion is kept.
         law: the belt law, as in `contact_state`.
         throw: raise where the result is a failure.
@@ -152,8 +154,8 @@ def maximum_moment(
 
     Raises:
         KeyError: a torque is given for a pulley that is not there.
-        ValueError: a pulley with torque has no friction, the drive has several belts, or `law` is
-            unknown.
+        ValueError: a pulley with torque has no friction, `mass_flow` is given for several belts,
+            or `law` is unknown.
         AnalysisError: the result is a failure, and `throw` is set.
     """
     return _contact(drive, point, law, True, throw)
@@ -163,8 +165,8 @@ def _contact(
     drive: Drive, point: OperatingPoint, law: Law, maximum: bool, throw: bool
 ) -> ContactState:
     question = contact_question(law, maximum)
-    if len(drive.belts) > 1:
-        raise ValueError("Contact is found for one belt: extract each with `bj.one_belt`.")
+    if len(drive.belts) > 1 and point.mass_flow is not None:
+        raise ValueError("OperatingPoint.mass_flow is that of a single belt; this drive has more.")
     bare = without_friction(drive, point, maximum)
     if bare is not None:
         raise ValueError(f"Pulley {bare!r} has torque; contact needs its friction.")
@@ -185,10 +187,14 @@ def without_friction(drive: Drive, point: OperatingPoint, maximum: bool) -> str 
 
     alone = len(drive.pulleys) == 2 and maximum
     driven = any(map(turned, point.names_of_takers))
-    for pulley in drive.pulleys:
+    shared = [shaft for shaft in drive.shafts if len(shaft) > 1]
+    for place, pulley in enumerate(drive.pulleys):
         drives = concrete(pulley.driver)
-        driving = driven and (drives is None or bool(np.any(drives)))
-        if pulley.friction is None and (alone or driving or turned(pulley.name)):
+        driving = drives is None or bool(np.any(drives))
+        # A shaft with several pulleys passes torque from belt to belt.
+        passes = any(place in shaft for shaft in shared)
+        loaded = driven and (driving or passes)
+        if pulley.friction is None and (alone or loaded or turned(pulley.name)):
             return pulley.name
     return None
 
@@ -212,16 +218,17 @@ def contact_solution(
     drawable = drawn.result
     drive, point = harmless(drive, point, succeeded(drawable))
     # The layout is at hand: that of the assembly would be compiled once more.
-    made = _with_belt_of_the_string(assembled(drive, point)._replace(drawn=drawn))
+    made = _with_belts_of_the_string(assembled(drive, point)._replace(drawn=drawn))
     drive, start = made.drive, _installed(made)
-    taken, scalable = _torques(drive, point, start.tension, maximum)
-    groups, scales = contact_groups(drive, point, taken, start.tension)
+    base = start.tensions[0]
+    taken, scalable = _torques(made, base, maximum)
+    groups, scales = contact_groups(made, point, taken, base)
     model = contact_model(groups, law)
-    rested, solved, installed = _solutions(drive, groups, scales, model, start, maximum)
-    loop = solved.loop
-    travel = jax.lax.stop_gradient(point.travel)
-    strain = law.stretch(jnp.max(loop.C), jnp.zeros(()), loop.g, groups.stretch) - 1
-    bare = jnp.exp(solved.unknown.level) < _BARE
+    rested, solved, installed = _solutions(made, groups, scales, model, start, maximum)
+    loop, at_rest = solved.loop, start.tensions / base
+    none = jnp.zeros_like(loop.C)
+    strain = jnp.max(law.stretch(loop.C, none, loop.g, loop.data.EA)) - 1
+    bare = jnp.any(jnp.exp(solved.unknown.level) < _BARE * at_rest)
     loaded = model.loaded > 0
     narrow = (maximum > 0) & jnp.any(loaded & (loop.wrap < _NARROW))
     moved = layout(drive, solved.unknown.q * groups.units, throw=False)
@@ -229,7 +236,7 @@ def contact_solution(
         (~good, RESULTS.numbers_unusable),
         (~succeeded(drawable), drawable),
         (~scalable, RESULTS.no_torque_to_scale),
-        (~(solved.converged & rested) & _too_stiff(model), RESULTS.belt_too_stiff),
+        (~(solved.converged & rested) & _too_stiff(model, at_rest), RESULTS.belt_too_stiff),
         (~solved.converged & ~succeeded(start.result), start.result),
         (~solved.converged & bare, RESULTS.contact_pressure_lost),
         (~solved.converged & narrow, RESULTS.wrap_vanished),
@@ -244,9 +251,9 @@ def contact_solution(
     )
     found = succeeded(missing)
     in_si = installed * groups.units, drawn
-    state = _state(drive, groups, travel, scales, model, solved, in_si, found, result)
+    state = _state(made, groups, scales, model, solved, in_si, found, result)
     if not isinstance(drive.installation, BeltGiven):
-        # The belt at rest and the running belt are found in one scan, in which JAX (0.10 to 0.12)
+        # The belts at rest and the running belts are found in one scan, in which JAX (0.10 to 0.12)
         # forgets custom rules when it differentiates forward over reverse.
         state = differentiated_once(state)
     return frozen_where_failed(state, missing)
@@ -255,50 +262,56 @@ def contact_solution(
 class _Start(NamedTuple):
     """The numbers that the installation gives, and the start of a search."""
 
-    tension: Float[Array, ""]  # [N]
+    tensions: Float[Array, " belts"]  # [N]
     coordinates: Float[Array, " coordinates"]  # from the drawn positions [rad] or [m]
-    length: Float[Array, ""]  # of the unstretched belt [m]; 1 where it follows from the tension
+    lengths: Float[Array, " belts"]  # of the unstretched belts [m]; 1 where tensions give them
     relaxed: Float[Array, " coordinates"]  # force of the springs at the drawn positions
     installed: Float[Array, " coordinates"]  # of the string at rest without torques
     result: RESULTS  # of the string
 
 
-def _with_belt_of_the_string(made: Assembly) -> Assembly:
-    """`made`; where its tension is that of a string, with the belt and springs that gives it."""
+def _with_belts_of_the_string(made: Assembly) -> Assembly:
+    """`made`; where its tensions are those of strings, with the belts and springs they give."""
     rule = made.rule
     if not isinstance(rule, TensionGiven) or rule.tension_of != "string":
         return made
-    tension = jnp.full_like(made.drawn.span_lengths, rule.tension)
-    string = held_by_tensions(made, made.drawn, tension, made.still)
+    tensions = made.loops.spread(jnp.broadcast_to(rule.tension, made.EA.shape))
+    string = held_by_tensions(made, made.drawn, tensions, made.still)
     free = string.free if len(string.free) else None
-    given = BeltGiven(string.lengths[0], free=free)
+    given = BeltGiven(_each_or_single(string.lengths), free=free)
     return made._replace(drive=dataclasses.replace(made.drive, installation=given))
 
 
+def _each_or_single(of_belts: Float[Array, " belts"]) -> Float[Array, "*belts"]:
+    return of_belts if len(of_belts) > 1 else of_belts[0]
+
+
 def _installed(made: Assembly) -> _Start:
-    """The belt that the installation gives, and the start of a search for its contact."""
-    rule, still = made.rule, made.still
+    """The belts that the installation gives, and the start of a search for their contact."""
+    rule, still, size = made.rule, made.still, made.EA.shape
     fixed = jax.lax.stop_gradient
     if isinstance(rule, TensionGiven | AdjustedToTension):
         place = installed_by_tension(made)
         at = fixed(jnp.where(place.converged, place.coordinates, 0.0))
         length = rule.belt_length if isinstance(rule, AdjustedToTension) else jnp.ones(())
-        return _Start(rule.tension, at, length, still, at, RESULTS.successful)
+        tensions, lengths = (jnp.broadcast_to(x, size) for x in (rule.tension, length))
+        return _Start(tensions, at, lengths, still, at, RESULTS.successful)
     string = resting(made)
     rested = succeeded(string.result)
     at, bare = (
         fixed(jnp.where(rested, places, 0.0)) for places in (string.coordinates, string.installed)
     )
-    springs_of = held(made, rule.belt_length[None], free_positions(made, rule))
-    tension = fixed(string.base_tension)
-    return _Start(tension, at, rule.belt_length, springs_of.relaxed, bare, string.result)
+    lengths = jnp.broadcast_to(rule.belt_length, size)
+    springs_of = held(made, lengths, free_positions(made, rule))
+    tensions = fixed(string.base_tensions)
+    return _Start(tensions, at, lengths, springs_of.relaxed, bare, string.result)
 
 
 def _torques(
-    drive: Drive, point: OperatingPoint, tension: Float[Array, ""], maximum: Float[Array, ""]
+    made: Assembly, tension: Float[Array, ""], maximum: Float[Array, ""]
 ) -> tuple[Float[Array, " pulleys"], Bool[Array, ""]]:
-    """Torques taken from the belt [N m], and whether there are any to scale."""
-    taken = point.torques(drive)
+    """Torques taken from the belts [N m], and whether there are any to scale."""
+    drive, taken = made.drive, made.driven.torques
     none = (maximum > 0) & jnp.all(taken == 0)
     if len(drive.pulleys) > 2:
         return taken, ~none
@@ -310,18 +323,21 @@ def _torques(
 def contact_model(groups: ContactGroups, law: AbstractBeltLaw) -> physics.ContactModel:
     """The groups in the letters of the source."""
     motion = physics.BeltMotion(
-        jnp.ones(()), groups.belt_speed, groups.driver_speed, groups.mass_flow
+        groups.masses, groups.belt_speed, groups.driver_speed, groups.mass_flow
     )
     return physics.ContactModel(
-        EI=groups.bending,
-        EA=groups.stretch,
+        EI=groups.bendings,
+        EA=groups.stretches,
         law=law,
+        loops=groups.loops,
         x=groups.centers[:, 0],
         y=groups.centers[:, 1],
         rho=groups.radii,
         mu=groups.friction,
         pull=groups.pulls,
-        driver=groups.drives,
+        driving=groups.driving,
+        gives=groups.gives,
+        gearing=groups.gearing,
         loaded=jax.lax.stop_gradient((groups.pulls != 0).astype(float)),
         bodies=groups.bodies,
         housed=groups.housed,
@@ -334,30 +350,33 @@ def contact_model(groups: ContactGroups, law: AbstractBeltLaw) -> physics.Contac
 
 
 def _solutions(
-    drive: Drive,
+    made: Assembly,
     groups: ContactGroups,
     scales: Scales,
     model: physics.ContactModel,
     start: _Start,
     maximum: Float[Array, ""],
 ) -> tuple[Bool[Array, ""], search.Solved, Float[Array, " coordinates"]]:
-    """Whether the belt was found at rest, the running belt, and where the bodies are installed."""
-    rule, units = drive.installation, groups.units
+    """Whether the belts rest, the running belts, and where the bodies are installed."""
+    rule, units = made.rule, groups.units
     one, zero, none = jnp.ones(()), jnp.zeros(()), jnp.zeros_like(units)
+    tensions = start.tensions / scales.tension
     fixed = jax.lax.stop_gradient
     widest = jnp.max(jnp.abs(jnp.cumsum(model.pull)))
     half = jnp.log(0.5 / jnp.where(widest > 0, widest, 1.0))
     bolted = fixed(model.bodies.locked)
     relaxed = start.relaxed * units / scales.energy
     # Without a search at rest bolted bodies stand as drawn.
-    holding = search.HeldBelt(start.length / scales.length, relaxed, none)
-    begin = search.likely(one, start.coordinates / units, jnp.where(maximum > 0, half, 0.0), model)
+    holding = search.HeldBelt(start.lengths / scales.length, relaxed, none)
+    begin = search.likely(
+        tensions, start.coordinates / units, jnp.where(maximum > 0, half, 0.0), model
+    )
     unmarked = jnp.zeros_like(model.K)
-    running = search.Task(zero, zero, maximum, one, holding, bolted, none, unmarked)
+    running = search.Task(zero, zero, maximum, tensions, holding, bolted, none, unmarked)
     if isinstance(rule, BeltGiven):
         return jnp.array(True), search.solve(model, running, begin, begin), start.installed / units
     still = search.at_rest(model)
-    unbent = search.likely(one, start.installed / units, zero, still)
+    unbent = search.likely(tensions, start.installed / units, zero, still)
     rest = running._replace(maximum=zero)
     if isinstance(rule, AdjustedToMark):
         adjusted, marked = map(fixed, (rule.adjusted, rule.marked))
@@ -386,24 +405,24 @@ def _solutions(
         solved = search.solve(model, task._replace(held=kept), start, origin)
         return (solved.held, jax.lax.stop_gradient(solved.unknown)), solved
 
-    first = in_lanes_of(model.EI, (rest.held, unbent))
+    first = in_lanes_of(model.EI[0], (rest.held, unbent))
     _, both = jax.lax.scan(stage, first, stages)
     rested, run = (jax.tree.map(lambda x, k=k: x[k], both) for k in (0, 1))
     return rested.converged, run, rested.unknown.q
 
 
-def _too_stiff(model: physics.ContactModel) -> Bool[Array, ""]:
-    """Whether the tension at rest, which is 1, is below EI/(2 R^2).
+def _too_stiff(model: physics.ContactModel, tensions: Float[Array, " belts"]) -> Bool[Array, ""]:
+    """Whether the tension of a belt at rest is below EI/(2 R^2).
 
     A torque-free pulley then touches the belt at one point at most, also at rest.
     """
-    return jnp.max(model.EI / model.rho**2 / 2) >= 1.0
+    spread = model.loops.spread
+    return jnp.any(spread(model.EI) / model.rho**2 / 2 >= spread(tensions))
 
 
 def _state(
-    drive: Drive,
+    made: Assembly,
     groups: ContactGroups,
-    travel: Float[Array, ""],
     scales: Scales,
     model: physics.ContactModel,
     solved: search.Solved,
@@ -412,16 +431,18 @@ def _state(
     result: RESULTS,
 ) -> ContactState:
     """The solution in SI and listed order."""
-    loop, force, length = solved.loop, scales.tension, scales.length
-    order, factor = TravelOrder.of(len(model.rho), travel), jnp.exp(solved.unknown.scale)
+    loop, force, length, drive = solved.loop, scales.tension, scales.length, made.drive
+    travel = jax.lax.stop_gradient(made.driven.travel)
+    order, factor = TravelOrder.of(made.loops, travel), jnp.exp(solved.unknown.scale)
     unit_of_speed = length / scales.time
+    # A belt's travel is the same all along it, so that its order does not matter here.
+    listed = travel[:, None] > 0
     T, V, outward = (
-        jnp.where(travel > 0, ends, ends[:, ::-1])[order.spans]
-        for ends in _ends(drive.sense, loop, model)
+        jnp.where(listed, ends, ends[:, ::-1])[order.spans]
+        for ends in _ends(drive.senses, loop, model)
     )
-    surface = physics.speed(loop.P_in, model.EI * loop.kap**2 / 2, loop, model)
-    taken = factor * model.pull
-    radii = drive.radii
+    surface = physics.speed(loop.P_in, loop.data.EI * loop.kap**2 / 2, loop, model)
+    taken = (factor * model.pull)[order.pulleys] * force * drive.radii
     installed, drawn = in_si
     single = len(drive.tensioners) == 1
     coordinates = solved.unknown.q * groups.units
@@ -430,19 +451,19 @@ def _state(
         wraps=loop.touching[order.pulleys],
         slips=loop.slip[order.pulleys],
         adhesions=(loop.touching - loop.slip)[order.pulleys],
-        moments=taken[order.pulleys] * force * radii,
-        pulley_speeds=surface[order.pulleys] * unit_of_speed / radii,
+        moments=taken,
+        pulley_speeds=surface[order.pulleys] * unit_of_speed / drive.radii,
         contact_curvatures=jnp.abs(loop.kap[order.pulleys]) / length,
         span_lengths=loop.spans.L[order.spans] * length,
         unstretched_span_lengths=loop.unstretched[order.spans] * length,
         tensions=T * force,
         speeds=V[:, ::2] * unit_of_speed,
         angles=outward[:, ::2],
-        unstretched_length=solved.held.L0 * length,
-        unstretched_speed=loop.V_ref * unit_of_speed,
-        mass_flow=physics.mass_flow(loop, model) * force / unit_of_speed,
+        unstretched_length=_each_or_single(solved.held.L0 * length),
+        unstretched_speed=_each_or_single(loop.V_ref[model.loops.starts] * unit_of_speed),
+        mass_flow=_each_or_single(physics.mass_flow(loop, model) * force / unit_of_speed),
         efficiency=physics.efficiency(loop, model),
-        driver_moment=jnp.abs(model.driver @ taken) * force * (drive.drives @ radii),
+        driver_moment=jnp.abs(on_driving_shaft(drive) @ taken),
         torque_factor=factor,
         coordinates=coordinates,
         installed=installed,
@@ -451,7 +472,7 @@ def _state(
         free_angle=drawn.arm_angle + solved.held.relaxed[0] / stiff[0, 0] if single else None,
         order=order,
         forward=travel > 0,
-        inside_left=drive.sense * travel > 0,
+        inside_left=drive.senses * travel > 0,
         model=model,
         solved=solved,
         scales=scales,
@@ -463,12 +484,14 @@ def _state(
 
 
 def _ends(
-    sense: Float[Array, ""], loop: physics.Loop, model: physics.ContactModel
+    senses: Float[Array, " spans"], loop: physics.Loop, model: physics.ContactModel
 ) -> tuple[Float[Array, "spans 3"], Float[Array, "spans 3"], Float[Array, "spans 3"]]:
     """Tension, speed and outward inclination at the start, middle and end of each span."""
-    bent = model.EI * loop.kap**2 / 2
-    P = jnp.stack([loop.P_out, loop.spans.P_mid, jnp.roll(loop.P_in, -1)], axis=1)
-    bents = jnp.stack([bent, loop.C - loop.spans.P_mid, jnp.roll(bent, -1)], axis=1)
+    bent, following = loop.data.EI * loop.kap**2 / 2, model.loops.following
+    P = jnp.stack([loop.P_out, loop.spans.P_mid, following(loop.P_in)], axis=1)
+    bents = jnp.stack([bent, loop.C - loop.spans.P_mid, following(bent)], axis=1)
     start, end = physics.inclinations(loop.spans, model)
-    outward = -jax.lax.stop_gradient(sense) * jnp.stack([start, 0 * start, end], axis=1)
-    return physics.tension(P, bents, loop, model), physics.speed(P, bents, loop, model), outward
+    outward = -senses[:, None] * jnp.stack([start, 0 * start, end], axis=1)
+    column = np.s_[:, None]
+    T = physics.tension(P, bents, loop, model, column)
+    return T, physics.speed(P, bents, loop, model, column), outward

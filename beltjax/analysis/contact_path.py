@@ -22,7 +22,7 @@ class BeltPiece(NamedTuple):
 
     zone: Zone
     place: int  # of the span, or of the pulley, in the list
-    arc_length: np.ndarray  # from where the belt meets the first pulley of its travel [m]
+    arc_length: np.ndarray  # from where its belt meets the first pulley of its travel [m]
     positions: np.ndarray  # [points, 2] [m]
     tension: np.ndarray  # [N]
     speed: np.ndarray  # [m/s]
@@ -31,10 +31,10 @@ class BeltPiece(NamedTuple):
 
 @usual_promotion
 def belt_pieces(state: ContactState, points: int = POINTS) -> tuple[BeltPiece, ...]:
-    """The whole belt, piece by piece in the direction of travel, from the first listed pulley.
+    """All of the belts, piece by piece in the direction of travel, from the first listed pulleys.
 
-    Arcs of no length are left out. The pieces of a state that was not found are those of its
-    placeholders; nothing is raised.
+    Belt follows belt, in listed order. Arcs of no length are left out. The pieces of a state that
+    was not found are those of its placeholders; nothing is raised.
 
     Args:
         state: a contact state of a single drive, not of a batch.
@@ -52,9 +52,11 @@ def belt_pieces(state: ContactState, points: int = POINTS) -> tuple[BeltPiece, .
     curvatures = _span_curvatures(state, points)
     starts, ends = _inclinations(loop, model)
     pulleys, spans = np.asarray(state.order.pulleys), np.asarray(state.order.spans)
+    before = np.asarray(model.loops.preceding(jnp.arange(len(pulleys))))
     pieces, run = [], 0.0
-    for k in range(len(model.rho)):
-        arcs = _arcs(k, float(ends[k - 1]), loop, model, points)
+    for k in range(len(pulleys)):
+        run = 0.0 if k in model.loops.starts else run
+        arcs = _arcs(k, float(ends[before[k]]), loop, model, points)
         for piece in (*arcs, _span(k, float(starts[k]), curvatures[k], loop, model)):
             place = int((spans if piece.zone == "span" else pulleys)[k])
             if piece.arc_length[-1] > 0:
@@ -78,8 +80,9 @@ def _curvatures(
 
 
 def _inclinations(loop: physics.Loop, model: physics.ContactModel) -> Iterator[np.ndarray]:
-    """Inclinations of the belt in the plane of the drive, at the spans' starts and ends."""
-    line = np.arctan2(np.roll(loop.y, -1) - loop.y, np.roll(loop.x, -1) - loop.x)
+    """Inclinations of the belts in the plane of the drive, at the spans' starts and ends."""
+    following = model.loops.following
+    line = np.arctan2(following(loop.y) - loop.y, following(loop.x) - loop.x)
     return (line + np.asarray(angle) for angle in physics.inclinations(loop.spans, model))
 
 
@@ -99,7 +102,7 @@ def _arcs(
     rho, turn = float(model.rho[k]), np.sign(model.rho[k])
     adhesion, slip = max(float(loop.touching[k] - loop.slip[k]), 0.0), float(loop.slip[k])
     rate = np.sign(loop.P_out[k] - loop.P_in[k]) * model.mu[k]
-    bent = model.EI * loop.kap[k] ** 2 / 2
+    bent = loop.data.EI[k] * loop.kap[k] ** 2 / 2
     zones: list[tuple[Zone, float, float]] = [("adhesion", 0.0, adhesion), ("slip", adhesion, slip)]
     for zone, start, length in zones:
         angle = start + np.linspace(0.0, length, points)
@@ -110,8 +113,8 @@ def _arcs(
             k,
             np.abs(rho) * (angle - start),
             _contact(k, inclination, loop, model),
-            np.asarray(physics.tension(P, bent, loop, model)),
-            np.asarray(physics.speed(P, bent, loop, model)),
+            np.asarray(physics.tension(P, bent, loop, model, k)),
+            np.asarray(physics.speed(P, bent, loop, model, k)),
             np.full(points, loop.kap[k]),
         )
 
@@ -127,10 +130,10 @@ def _span(
     x = cumulative_simpson(np.cos(inclination), x=s, initial=0.0)
     y = cumulative_simpson(np.sin(inclination), x=s, initial=0.0)
     path = _contact(k, start, loop, model) + np.stack([x, y], axis=1)
-    bent = model.EI * kap**2 / 2
+    bent = loop.data.EI[k] * kap**2 / 2
     P = loop.C[k] - bent
-    tension = np.asarray(physics.tension(P, bent, loop, model))
-    speed = np.asarray(physics.speed(P, bent, loop, model))
+    tension = np.asarray(physics.tension(P, bent, loop, model, k))
+    speed = np.asarray(physics.speed(P, bent, loop, model, k))
     return BeltPiece("span", k, s, path, tension, speed, kap)
 
 
@@ -166,7 +169,7 @@ def span_deflection(state: ContactState, i: int) -> tuple[np.ndarray, np.ndarray
     piece = next(p for p in belt_pieces(state) if p.zone == "span" and p.place == i)
     loop, model = state.solved.loop, state.model
     k = int(state.order.spans[i])
-    after = (k + 1) % len(model.rho)
+    after = int(model.loops.following(jnp.arange(len(model.rho)))[k])
     center = np.array([loop.x[k], loop.y[k]])
     line = np.array([loop.x[after], loop.y[after]]) - center
     d = float(np.hypot(*line))
@@ -177,7 +180,7 @@ def span_deflection(state: ContactState, i: int) -> tuple[np.ndarray, np.ndarray
     length = float(state.scales.length)
     offset = piece.positions - length * (center - float(model.rho[k]) * left)
     x, w = offset @ along, offset @ left
-    inward = w if bool(state.inside_left) else -w
-    if bool(state.forward):
+    inward = w if bool(state.inside_left[i]) else -w
+    if bool(state.forward[i]):
         return x, inward
     return d * run * length - x[::-1], inward[::-1]

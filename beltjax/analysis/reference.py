@@ -30,12 +30,12 @@ from beltjax.drive.installation import (
     TensionGiven,
 )
 from beltjax.drive.layout import Layout, Outline, Path, belt_path, unstretched_lengths
-from beltjax.drive.loops import Loops
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.placeholders import harmless, numbers_are_usable
 from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
 from beltjax.numerics.definite import definite_solve
+from beltjax.numerics.loops import Loops
 from beltjax.numerics.rigid_bodies import holding_stop
 from beltjax.numerics.roots import implicit_root, system_root
 from beltjax.results import (

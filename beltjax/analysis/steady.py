@@ -359,7 +359,7 @@ def steady_model(groups: Groups) -> physics.SteadyModel:
         c2=flux,
         flux=flux,
         give=g.unstretched / g.stretches,
-        belts=jnp.asarray(loops.of_belt),
+        belts=jnp.asarray(loops.members),
         P=g.tensions,
         lam=g.span_ratios,
         kap_s=g.curvature_start,

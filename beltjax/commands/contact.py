@@ -28,7 +28,6 @@ def _document() -> type["Document"]:
     show_default=True,
     help="Take this belt law; 'hyperelastic' conserves energy.",
 )
-@click.option("--belt", metavar="NAME", help="Take this one of several belts.")
 @json_option
 @figure_option
 @click.option(
@@ -39,7 +38,6 @@ def contact(
     drive_file: str,
     maximum: bool,
     law: str,
-    belt: str | None,
     json_path: str | None,
     figure: str | None,
     compare: str | None,
@@ -50,7 +48,7 @@ def contact(
     def work(advance: Advance) -> "Report":
         from beltjax.commands.reports.contact import contact_report
 
-        return contact_report(drive_file, maximum, law, belt, (figure, compare), si)
+        return contact_report(drive_file, maximum, law, (figure, compare), si)
 
     answer(
         work, read=drive_file, json=json_path, pictures=(figure, compare), busy="solving contact"

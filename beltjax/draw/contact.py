@@ -17,21 +17,27 @@ _WORDS = {"span": "free span", "adhesion": "adhesion", "slip": "slip"}
 
 
 def contact_figure(drive: Drive, state: ContactState) -> Figure:
-    """Above: the belt as it lies on its pulleys. Below: tension and speed along the belt."""
+    """Above: the belts as they lie on their pulleys. Below: tension and speed along each belt."""
     pieces = belt_pieces(state)
     points = np.concatenate([piece.positions for piece in pieces])
     wide, high = np.ptp(points, axis=0)
     figure = Figure(figsize=(9.0, 5.2 + min(9.0, 8.0 * high / wide)), layout="constrained")
     FigureCanvasAgg(figure)
     ratios = [min(9.0, 8.0 * high / wide) + 0.6, 2.2, 2.2]
-    belt, tension, speed = figure.subplots(3, 1, height_ratios=ratios)
-    draw_contact(belt, drive, state, pieces)
-    _draw_along(tension, pieces, "tension", "tension (N)")
-    _draw_along(speed, pieces, "speed", "belt speed (m/s)")
-    _name_places(tension, drive, pieces)
-    speed.set_xlabel("along the belt, in its direction of travel (m)")
+    grid = figure.add_gridspec(3, len(drive.belts), height_ratios=ratios)
+    whole = figure.add_subplot(grid[0, :])
+    draw_contact(whole, drive, state, pieces)
+    for column, belt in enumerate(drive.belts):
+        own = tuple(piece for piece in pieces if drive.belt_of_span[piece.place] == column)
+        tension, speed = (figure.add_subplot(grid[row, column]) for row in (1, 2))
+        _draw_along(tension, own, "tension", "tension (N)")
+        _draw_along(speed, own, "speed", "belt speed (m/s)")
+        _name_places(tension, drive, own)
+        name = "the belt" if len(drive.belts) == 1 else belt.name
+        label = f"along {name}, in its direction of travel (m)"
+        speed.set_xlabel(label, parse_math=False)
     feasible = "" if bool(state.feasible) else ": not physical"
-    belt.set_title(f"{drive.name}{feasible}", fontsize=11, parse_math=False)
+    whole.set_title(f"{drive.name}{feasible}", fontsize=11, parse_math=False)
     return figure
 
 
@@ -46,6 +52,7 @@ def draw_contact(
 def _draw_pulleys(axes: Axes, drive: Drive, state: ContactState) -> None:
     loop, model = state.solved.loop, state.model
     length, count = float(state.scales.length), len(drive.pulleys)
+    names = {shaft[0]: [drive.pulley_names[place] for place in shaft] for shaft in drive.shafts}
     circle = np.linspace(0, 2 * np.pi, 181)
     for k in range(count):
         place = int(state.order.pulleys[k])
@@ -58,8 +65,8 @@ def _draw_pulleys(axes: Axes, drive: Drive, state: ContactState) -> None:
             edgecolor=BEFORE,
             linewidth=0.8,
         )
-        name = drive.pulley_names[place]
-        axes.annotate(name, tuple(center), ha="center", va="center", fontsize=8, parse_math=False)
+        label = "\n".join(names.get(place, []))
+        axes.annotate(label, tuple(center), ha="center", va="center", fontsize=8, parse_math=False)
     draw_bodies(axes, drive, np.asarray(state.coordinates), "-", "black")
 
 
@@ -69,14 +76,17 @@ def _draw_belt(axes: Axes, pieces: tuple[BeltPiece, ...]) -> None:
         axes.plot(*path.T, color=COLORS[piece.zone], linewidth=wide, solid_capstyle="butt")
     for zone, color in COLORS.items():
         axes.plot([], [], color=color, linewidth=3, label=_WORDS[zone])
-    first = next(piece for piece in pieces if piece.zone == "span")
-    middle = len(first.positions) // 2
-    axes.annotate(
-        "",
-        xy=tuple(1e3 * first.positions[middle + 6]),
-        xytext=tuple(1e3 * first.positions[middle - 6]),
-        arrowprops={"arrowstyle": "-|>", "color": "black"},
-    )
+    # Each belt begins with arc length 0; its first span shows the direction of travel.
+    starts = [place for place, piece in enumerate(pieces) if piece.arc_length[0] == 0.0]
+    for start in starts:
+        first = next(piece for piece in pieces[start:] if piece.zone == "span")
+        middle = len(first.positions) // 2
+        axes.annotate(
+            "",
+            xy=tuple(1e3 * first.positions[middle + 6]),
+            xytext=tuple(1e3 * first.positions[middle - 6]),
+            arrowprops={"arrowstyle": "-|>", "color": "black"},
+        )
     axes.set_aspect("equal")
     axes.set_xlabel("x (mm)")
     axes.set_ylabel("y (mm)")

@@ -13,7 +13,6 @@ from beltjax.analysis.modes import Modes
 from beltjax.draw.labels import mode_labels
 from beltjax.drive.bodies import bodies, moved_pulleys
 from beltjax.drive.layout import Layout
-from beltjax.drive.loops import Loops
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 
@@ -24,7 +23,7 @@ _REACH = 0.08  # of a mode's largest movement, in sizes of the drive
 
 def belt_paths(drive: Drive, at: Layout) -> list[np.ndarray]:
     """Points [m] along each belt, closed: each span's two ends and the arc that follows it."""
-    loops = Loops(drive.loop_sizes)
+    loops = drive.loops
     return [
         _belt_path(drive, at, range(start, start + size))
         for start, size in zip(loops.starts.tolist(), loops.sizes, strict=True)

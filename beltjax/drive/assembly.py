@@ -9,10 +9,10 @@ from jaxtyping import Array, Float
 from beltjax.drive.bodies import Springs, springs
 from beltjax.drive.installation import Installation
 from beltjax.drive.layout import Layout, Outline, laid_out, outline
-from beltjax.drive.loops import Loops
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.shafts import Transmission, transmission
 from beltjax.drive.system import Drive
+from beltjax.numerics.loops import Loops
 from beltjax.numerics.rigid_bodies import Bodies
 
 
@@ -59,7 +59,7 @@ def assembled(drive: Drive, point: OperatingPoint) -> Assembly:
 
     Raises `KeyError` for a torque on a pulley that is not there.
     """
-    of, loops, driven = outline(drive), Loops(drive.loop_sizes), transmission(drive, point)
+    of, loops, driven = outline(drive), drive.loops, transmission(drive, point)
     return Assembly(
         drive=drive,
         loops=loops,

@@ -3,28 +3,35 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
-from beltjax.drive.bodies import Springs, bodies, springs
+from beltjax.drive.assembly import Assembly
+from beltjax.drive.bodies import Springs
 from beltjax.drive.groups import Scales, ways
 from beltjax.drive.operation import OperatingPoint
-from beltjax.drive.system import Drive
+from beltjax.drive.shafts import on_driving_shaft
+from beltjax.numerics.loops import Loops
 from beltjax.numerics.rigid_bodies import Bodies
 
 
 class ContactGroups(eqx.Module):
-    """A drive in pure numbers for contact mechanics, in the order in which its belt travels.
+    """A drive in pure numbers for contact mechanics, in the order in which its belts travel.
 
-    Lengths are in `Scales.length`, forces in P0, speeds in sqrt(P0/m).
+    Lengths are in `Scales.length`, forces in the P0 and speeds in the sqrt(P0/m) of the first belt.
     """
 
-    bending: Float[Array, ""]  # EI/(P0 l^2)
-    stretch: Float[Array, ""]  # EA/P0
+    bendings: Float[Array, " belts"]  # EI/(P0 l^2)
+    stretches: Float[Array, " belts"]  # EA/P0
+    masses: Float[Array, " belts"]  # per length, over that of the first belt
     centers: Float[Array, "pulleys 2"]  # as drawn
     radii: Float[Array, " pulleys"]  # positive where the pulley turns the belt left
     friction: Float[Array, " pulleys"]  # 1 where it is not given
-    pulls: Float[Array, " pulleys"]  # M_i/R_i taken from the belt; the driver balances the others
-    drives: Float[Array, " pulleys"]
+    pulls: Float[Array, " pulleys"]  # M_i/R_i taken from the belt; each belt's are in balance
+    driving: Float[Array, " pulleys"]  # 1 on the driver's shaft
+    gives: Float[Array, " pulleys"]  # 1 for the pulley that turns its belt
+    gearing: Float[Array, "belts pulleys"]  # speed of a belt there, per speeds at other pulleys
+    loops: Loops
     bodies: Bodies
     units: Float[Array, " coordinates"]  # l where a coordinate is a length, else 1
     housed: Float[Array, " pulleys"]
@@ -42,43 +49,49 @@ class TravelOrder(eqx.Module):
     spans: Int[Array, " spans"]
 
     @classmethod
-    def of(cls, count: int, travel: Float[Array, ""]) -> "TravelOrder":
-        """The order for `count` pulleys and a belt that runs as listed (+1) or against it (-1)."""
-        listed = jnp.arange(count)
-        forward = travel > 0
+    def of(cls, loops: Loops, travel: Float[Array, " pulleys"]) -> "TravelOrder":
+        """The order for belts that run as listed (+1) or against it (-1) at each pulley."""
+        listed, sizes = np.arange(sum(loops.sizes)), np.array(loops.sizes)[loops.loop_of]
+        first = loops.starts[loops.loop_of]
+        place, forward = listed - first, travel > 0
         return cls(
-            jnp.where(forward, listed, -listed % count),
-            jnp.where(forward, listed, (-listed - 1) % count),
+            jnp.where(forward, listed, first + -place % sizes),
+            jnp.where(forward, listed, first + (-place - 1) % sizes),
         )
 
 
 def contact_groups(
-    drive: Drive,
-    point: OperatingPoint,
-    torques: Float[Array, " pulleys"],
-    base_tension: Float[Array, ""],
+    made: Assembly, point: OperatingPoint, torques: Float[Array, " pulleys"], base: Float[Array, ""]
 ) -> tuple[ContactGroups, Scales]:
-    """Groups of a drive whose pulleys take these torques; forces are measured in `base_tension`."""
-    belt, travel, of = drive.belt, jax.lax.stop_gradient(point.travel), bodies(drive)
-    order = TravelOrder.of(len(drive.pulleys), travel).pulleys
-    steps = jnp.roll(drive.centers, -1, axis=0) - drive.centers
+    """Groups of a drive whose pulleys take these torques.
+
+    Forces are measured in `base`, the tension of the first belt at rest.
+    """
+    drive, of, driven = made.drive, made.bodies, made.driven
+    order = TravelOrder.of(made.loops, driven.travel).pulleys
+    steps = made.loops.following(drive.centers) - drive.centers
     length = jax.lax.stop_gradient(jnp.mean(jnp.sqrt(jnp.sum(steps**2, axis=1))))
-    speed = jnp.sqrt(base_tension / belt.mass_per_length)
+    mass = jnp.stack([belt.mass_per_length for belt in drive.belts])
+    bending = jnp.stack([belt.bending_stiffness for belt in drive.belts])
+    speed = jnp.sqrt(base / mass[0])
     frictions = [1.0 if p.friction is None else p.friction for p in drive.pulleys]
-    side = drive.senses * travel * drive.faces
+    side = drive.senses * driven.travel * drive.faces
     units = jnp.where(of.rotary > 0, 1.0, length)
-    of_springs = springs(drive)
     surface = point.driver_speed
     if surface is not None:
         surface = surface * (drive.drives @ drive.radii) / speed
     groups = ContactGroups(
-        bending=belt.bending_stiffness / (base_tension * length**2),
-        stretch=belt.axial_stiffness / base_tension,
+        bendings=bending / (base * length**2),
+        stretches=made.EA / base,
+        masses=mass / mass[0],
         centers=drive.centers[order] / length,
         radii=(side * drive.radii)[order] / length,
         friction=jnp.stack([jnp.asarray(value) for value in frictions])[order],
-        pulls=(torques / drive.radii)[order] / base_tension,
-        drives=drive.drives[order],
+        pulls=(torques / drive.radii)[order] / base,
+        driving=on_driving_shaft(drive)[order],
+        gives=jax.lax.stop_gradient(driven.gives)[order],
+        gearing=jnp.abs(driven.gearing[:, order]),
+        loops=made.loops,
         bodies=of._replace(
             carried=of.carried[order],
             carries=of.carries[order],
@@ -87,12 +100,10 @@ def contact_groups(
         ),
         units=units,
         housed=jax.lax.stop_gradient(jnp.stack([p.housed for p in drive.pulleys]))[order],
-        springs=of_springs,
-        stiffness=of_springs.matrix * units[:, None] * units / (base_tension * length),
+        springs=made.springs,
+        stiffness=made.springs.matrix * units[:, None] * units / (base * length),
         belt_speed=None if point.belt_speed is None else point.belt_speed / speed,
         driver_speed=surface,
-        mass_flow=None
-        if point.mass_flow is None
-        else point.mass_flow / (belt.mass_per_length * speed),
+        mass_flow=None if point.mass_flow is None else point.mass_flow / (mass[0] * speed),
     )
-    return groups, Scales(length=length, tension=base_tension, time=length / speed)
+    return groups, Scales(length=length, tension=base, time=length / speed)

@@ -8,8 +8,8 @@ from jaxtyping import Array, Float
 from beltjax.drive.assembly import Assembly
 from beltjax.drive.bodies import mass_matrix
 from beltjax.drive.layout import Layout, unstretched_lengths
-from beltjax.drive.loops import Loops
 from beltjax.drive.shafts import rotors
+from beltjax.numerics.loops import Loops
 
 _FAR = 1e6  # radians, or mean spans
 
@@ -55,12 +55,7 @@ class Groups(eqx.Module):
     rotor_damping: Float[Array, "rotors rotors"]
     unstretched: Float[Array, " belts"]  # length that stretches, over l
     belt_inertia: Float[Array, ""]
-    loop_sizes: tuple[int, ...] = eqx.field(static=True)
-
-    @property
-    def loops(self) -> Loops:
-        """The belts' loops, which say which spans belong to which belt."""
-        return Loops(self.loop_sizes)
+    loops: Loops  # which spans belong to which belt
 
     @property
     def bending(self) -> Float[Array, ""]:
@@ -164,7 +159,7 @@ def groups_and_scales(
         rotor_damping=turning.damping / (energy * time),
         unstretched=_unstretched(made, at, tensions) / length,
         belt_inertia=jax.lax.stop_gradient(drive.model.belt_inertia),
-        loop_sizes=drive.loop_sizes,
+        loops=loops,
     )
     return groups, Scales(length=length, tension=base_tension, time=time)
 

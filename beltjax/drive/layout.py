@@ -15,9 +15,9 @@ from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.bodies import bodies
 from beltjax.drive.canonical import canonical_drive
 from beltjax.drive.components import as_flags
-from beltjax.drive.loops import Loops
 from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
+from beltjax.numerics.loops import Loops
 from beltjax.numerics.rigid_bodies import Bodies, placed
 from beltjax.results import (
     RESULTS,
@@ -203,7 +203,7 @@ def layout(
 @boundary_jit
 def _layout(drive: Drive, coordinates: Float[Array, " coordinates"]) -> Layout:
     at = jnp.broadcast_to(coordinates, (len(drive.tensioners),))
-    return laid_out(outline(drive), Loops(drive.loop_sizes), at)
+    return laid_out(outline(drive), drive.loops, at)
 
 
 def laid_out(of: Outline, loops: Loops, at: Float[Array, " coordinates"]) -> Layout:
@@ -216,7 +216,7 @@ def laid_out(of: Outline, loops: Loops, at: Float[Array, " coordinates"]) -> Lay
     starts = centers - foot[:, None] * normals
     ends = loops.following(centers) - loops.following(foot)[:, None] * normals
     turned_round = loops.sums(of.faces * path.wraps)
-    same_belt = loops.of_belt.T @ loops.of_belt
+    same_belt = loops.members.T @ loops.members
     result = first_failure(
         (jnp.any(~path.exists), RESULTS.no_tangent),
         (jnp.any(jnp.abs(turned_round - 2 * jnp.pi) > 1.0), RESULTS.path_not_simple),
@@ -268,7 +268,7 @@ def alignment_angles(drive: Drive, at: Layout) -> Float[Array, "coordinates 2"]:
     Returns:
         One row per tensioner.
     """
-    on, loops = bodies(drive).carries.T, Loops(drive.loop_sizes)
+    on, loops = bodies(drive).carries.T, drive.loops
     met_in, met_out = on @ loops.preceding(at.directions), on @ at.directions
     # Going counterclockwise, a clockwise list is met backwards.
     forward = (on @ drive.senses > 0)[:, None]

@@ -9,7 +9,6 @@ from jaxtyping import Array, Bool, Float
 
 from beltjax.drive.components import Damper, Isolator
 from beltjax.drive.loads import Taken
-from beltjax.drive.loops import Loops
 from beltjax.drive.system import Drive
 
 if TYPE_CHECKING:
@@ -27,6 +26,9 @@ class Transmission(NamedTuple):
     given: Float[Array, " pulleys"]  # torque that the point gives each pulley itself [N m]
     outside: Bool[Array, " pulleys"]  # whether the speed lies outside of the table of its load
     at_standstill: Bool[Array, " pulleys"]  # whether a load takes power where nothing turns
+    # Speed of a belt at that pulley as a sum of this times the speeds at other pulleys, along the
+    # list; a row of zeros for the belt of the driver.
+    gearing: Float[Array, "belts pulleys"]
 
 
 def transmission(drive: Drive, point: "OperatingPoint") -> Transmission:
@@ -40,28 +42,31 @@ def transmission(drive: Drive, point: "OperatingPoint") -> Transmission:
     for name in point.names_of_takers:
         drive.pulley(name)
     count, radii, drives = len(drive.pulleys), drive.radii, drive.drives
-    of_belt, on_shaft = Loops(drive.loop_sizes).of_belt, _on_shaft(drive)
+    of_belt, on_shaft = drive.loops.members, _on_shaft(drive)
+    together = on_shaft.T @ on_shaft  # 1 where two pulleys share a shaft
     # The masks of the driver's shaft and belt are data, so that the driver is not structure.
-    driving = on_shaft.T @ (on_shaft @ drives)
+    driving = together @ drives
     near = driving * (of_belt.T @ (of_belt @ drives))  # gives to its belt what the others take
     reached = of_belt.T @ (of_belt @ near)
     left = jax.lax.stop_gradient(drive.senses) * drive.faces  # rims turn left with the belt
+    turns = left / radii  # of a shaft, per length of belt
     ratio = jax.lax.stop_gradient(point.travel) * reached  # surface speeds, along the list
+    gearing: Float[Array, "belts pulleys"] = jnp.zeros((len(drive.belts), count))
     for _ in range(len(drive.belts) - 1):
-        rate = jnp.where(reached > 0, left * ratio / radii, 0.0)
         # Pulleys of one shaft turn alike; the reached ones of a shaft agree.
-        share = on_shaft.T @ (on_shaft @ reached)
-        rates = (on_shaft.T @ (on_shaft @ rate)) / jnp.maximum(share, 1.0)
+        share = together @ reached
         next_near = (1 - reached) * jnp.minimum(share, 1.0)
-        near = near + next_near
-        ratio = ratio + of_belt.T @ (of_belt @ (next_near * rates * left * radii))
+        by_shaft = (next_near / turns / jnp.maximum(share, 1.0))[:, None] * together
+        turned = of_belt @ (by_shaft * (reached * turns))
+        near, gearing = near + next_near, gearing + turned
+        ratio = ratio + of_belt.T @ (turned @ ratio)
         reached = jnp.minimum(reached + of_belt.T @ (of_belt @ next_near), 1.0)
     speeds = jnp.abs(ratio) * point.speed(drive)
     given, outside, at_standstill = _given(drive, point, speeds / radii)
-    on_its_shaft = on_shaft.T @ (on_shaft @ given)
+    on_its_shaft = together @ given
     torques: Float[Array, " pulleys"] = jnp.zeros(count)
     for _ in drive.belts:
-        passed = on_shaft.T @ (on_shaft @ (near * torques))
+        passed = together @ (near * torques)
         taken = (1 - near) * (on_its_shaft - passed)
         torques = jnp.asarray(taken) - near * radii * (of_belt.T @ (of_belt @ (taken / radii)))
     travel = jax.lax.stop_gradient(jnp.sign(ratio))
@@ -74,6 +79,7 @@ def transmission(drive: Drive, point: "OperatingPoint") -> Transmission:
         given=given,
         outside=outside & (driving == 0),
         at_standstill=at_standstill & (driving == 0),
+        gearing=gearing,
     )
 
 
@@ -94,6 +100,12 @@ def _on_shaft(drive: Drive) -> Float[np.ndarray, "shafts pulleys"]:
     """1 where the pulley sits on the shaft."""
     places = np.arange(len(drive.pulleys))
     return np.array([np.isin(places, shaft) for shaft in drive.shafts], float)
+
+
+def on_driving_shaft(drive: Drive) -> Float[Array, " pulleys"]:
+    """1 for the pulleys on the shaft of the driver, itself included."""
+    on_shaft = _on_shaft(drive)
+    return jnp.asarray(on_shaft.T @ (on_shaft @ drive.drives))
 
 
 class Rotors(NamedTuple):

@@ -27,6 +27,7 @@ from beltjax.drive.components import (
 from beltjax.drive.installation import BeltGiven, Installation, TensionGiven
 from beltjax.drive.readable import Readable
 from beltjax.drive.units_of_file import UnitsOfFile
+from beltjax.numerics.loops import Loops
 
 
 def span_names(pulleys: Sequence[str]) -> tuple[str, ...]:
@@ -206,9 +207,14 @@ class Drive(Readable):
         return tuple(places.count(place) for place in range(len(self.belts)))
 
     @property
+    def loops(self) -> Loops:
+        """The pulleys and spans of each belt."""
+        return Loops(self.loop_sizes)
+
+    @property
     def belt_of_span(self) -> np.ndarray:
         """Place of the belt that each pulley and span belongs to."""
-        return np.repeat(np.arange(len(self.belts)), self.loop_sizes)
+        return self.loops.loop_of
 
     @property
     def shafts(self) -> tuple[tuple[int, ...], ...]:

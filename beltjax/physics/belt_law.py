@@ -54,7 +54,7 @@ class AbstractBeltLaw(eqx.Module):
             tension.
         """
 
-    def stretch(self, P: Array, bent: Array, g: Scalar, EA: Scalar) -> Array:
+    def stretch(self, P: Array, bent: Array, g: Array, EA: Array) -> Array:
         """Ratio 1 + e of the stretched to the unstretched belt, where P = T - g (1 + e).
 
         `bent` is EI kappa^2/2, and g the momentum flux of the unstretched belt.
@@ -78,7 +78,7 @@ class AbstractBeltLaw(eqx.Module):
         return jnp.sum(jnp.concatenate([weights, weights]) / ratios)
 
     def slip_length(
-        self, low: Array, high: Array, mu: Array, bent: Array, g: Scalar, EA: Scalar
+        self, low: Array, high: Array, mu: Array, bent: Array, g: Array, EA: Array
     ) -> Array:
         """Unstretched length over the radius of arcs of slip, along which P goes from low to high.
 
@@ -86,16 +86,16 @@ class AbstractBeltLaw(eqx.Module):
         """
         rise = jnp.log(high / low)
         P = low[..., None] * jnp.exp(rise[..., None] * (1 + _NODES) / 2)
-        ratios = self.stretch(P, bent[..., None], g, EA)
+        ratios = self.stretch(P, bent[..., None], g[..., None], EA[..., None])
         return rise / mu * jnp.sum(_WEIGHTS / 2 / ratios, axis=-1)
 
     def reference_speed(
-        self, v: Scalar, flux: tuple[Scalar, Scalar], P: Scalar, bent: Scalar, EA: Scalar
-    ) -> Scalar:
+        self, v: Array, flux: tuple[Array, Array], P: Array, bent: Array, EA: Array
+    ) -> Array:
         """Speed V of the unstretched belt where it runs with v; g = flux[0] V^2 + flux[1] V."""
         square, linear = flux
 
-        def unmet(speed: Scalar) -> Scalar:
+        def unmet(speed: Array) -> Array:
             g = (square * speed + linear) * speed
             return speed * self.stretch(P, bent, g, EA) - v
 
@@ -130,7 +130,7 @@ class LinearLaw(AbstractBeltLaw):
     def strain(self, tension: Array, bending: Array) -> Array:  # noqa: D102
         return tension + self.share * bending
 
-    def stretch(self, P: Array, bent: Array, g: Scalar, EA: Scalar) -> Array:  # noqa: D102
+    def stretch(self, P: Array, bent: Array, g: Array, EA: Array) -> Array:  # noqa: D102
         return (EA + P + self.share * bent) / (EA - g)
 
     def span_length(self, span: Span, of: SpanData, g: Scalar) -> Scalar:  # noqa: D102
@@ -139,14 +139,14 @@ class LinearLaw(AbstractBeltLaw):
         return (of.EA - g) * J
 
     def slip_length(  # noqa: D102
-        self, low: Array, high: Array, mu: Array, bent: Array, g: Scalar, EA: Scalar
+        self, low: Array, high: Array, mu: Array, bent: Array, g: Array, EA: Array
     ) -> Array:
         stiff = EA + self.share * bent  # (5.26)
         return (EA - g) * jnp.log(high / low * (stiff + low) / (stiff + high)) / (mu * stiff)
 
     def reference_speed(  # noqa: D102
-        self, v: Scalar, flux: tuple[Scalar, Scalar], P: Scalar, bent: Scalar, EA: Scalar
-    ) -> Scalar:
+        self, v: Array, flux: tuple[Array, Array], P: Array, bent: Array, EA: Array
+    ) -> Array:
         square, linear = flux
         stiff = EA + P + self.share * bent + linear * v  # (EA - square V^2) v/V
         return 2 * v * EA / (stiff + jnp.sqrt(stiff**2 + 4 * square * v**2 * EA))

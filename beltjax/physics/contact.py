@@ -1,7 +1,7 @@
-"""Belt and pulleys of a whole drive in contact, along the belt's travel (chapter 5).
+"""Belts and pulleys of a whole drive in contact, along the belts' travel (chapter 5).
 
-Pulleys are numbered in the order in which the belt meets them; span i runs from pulley i to i + 1.
-In any consistent units:
+Pulleys are numbered belt after belt, in the order in which a belt meets them; span i runs from
+pulley i to the next of its belt. Shafts and bodies couple the belts. In any consistent units:
 
     rho    signed radii, positive where the pulley turns the belt left;   kap   signed curvatures
     C      P + EI kappa^2/2 of each span;   pull   M/R that each pulley takes: C_i - C_{i-1}
@@ -19,38 +19,44 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
+from beltjax.numerics.loops import Loops
 from beltjax.numerics.rigid_bodies import Bodies, Coordinates, Placed, placed
 from beltjax.physics.belt_law import AbstractBeltLaw
 from beltjax.physics.elastica import Span, SpanData, separatrix, span_at, span_start
 
 Scalar = Float[Array, ""]
+Belts = Float[Array, " belts"]
 Pulleys = Float[Array, " n"]
 Spans = Float[Array, " n"]
+Index = int | slice | tuple[slice, None]  # one, all, or all as a column
 
 
 class BeltMotion(NamedTuple):
-    """How the belt moves; the numbers that are not None say which of them are given."""
+    """How the belts move; the numbers that are not None say which of them are given."""
 
-    m0: Scalar  # mass per unstretched length
-    c: Scalar | None  # V_ref
+    m0: Belts  # mass per unstretched length
+    c: Scalar | None  # V_ref of the driver's belt
     v: Scalar | None  # speed of the driver's surface
-    G: Scalar | None  # mass flow, in place of m0
+    G: Scalar | None  # mass flow of a single belt, in place of m0
 
 
 class ContactModel(NamedTuple):
-    """A drive, along the travel of its belt."""
+    """A drive, along the travel of its belts."""
 
-    EI: Scalar
-    EA: Scalar
+    EI: Belts
+    EA: Belts
     law: AbstractBeltLaw
+    loops: Loops
     x: Pulleys  # centers, as drawn
     y: Pulleys
     rho: Pulleys
     mu: Pulleys
-    pull: Pulleys  # the driver balances the others
-    driver: Pulleys  # 1 for the driver
+    pull: Pulleys  # in balance on each belt
+    driving: Pulleys  # 1 on the driver's shaft
+    gives: Pulleys  # 1 for the pulley that turns its belt
+    gearing: Float[Array, "belts n"]  # V of a belt there, per V at other pulleys of the shaft
     loaded: Pulleys  # 1 where there is torque, at rest or not
     bodies: Bodies
     housed: Pulleys  # 1 where the accessory is bolted to the body that carries its pulley
@@ -65,14 +71,14 @@ class Unknown(NamedTuple):
     """The unknowns of the equations of contact."""
 
     w: Pulleys
-    level: Scalar  # log of the least C above what the pulleys' curvatures take
+    level: Belts  # log of the least C above what the pulleys' curvatures take
     q: Coordinates  # of the bodies, from where they are drawn
     scale: Scalar  # log of the factor on all torques
     shape: Float[Array, "n 2"]  # (z, phi) of each span, as `span_at` takes them
 
 
 class Loop(NamedTuple):
-    """All spans and pulleys for given unknowns."""
+    """All spans and pulleys for given unknowns; g and V_ref are those of the belt."""
 
     data: SpanData  # each leaf [n], as of `spans`
     spans: Span
@@ -86,30 +92,31 @@ class Loop(NamedTuple):
     slip: Pulleys
     P_in: Pulleys
     P_out: Pulleys
-    g: Scalar
-    V_ref: Scalar
+    g: Spans
+    V_ref: Spans
     unstretched: Spans  # lengths of the spans
     on_pulleys: Pulleys  # unstretched lengths
     push: Coordinates  # of the belt and of the accessories' reactions on the bodies
 
 
 def joined(unknown: Unknown, model: ContactModel) -> Loop:
-    """The belt for given unknowns; `physics.contact_search` finds those that fit."""
-    mod = model
+    """The belts for given unknowns; `physics.contact_search` finds those that fit."""
+    mod, preceding = model, model.loops.preceding
     kap = jnp.exp(jnp.minimum(unknown.w, 0.0) * (1 - mod.loaded)) / mod.rho
     data, across, up = _span_data(unknown, kap, model)
     C, d = data.C, data.d
     spans, unmet = jax.vmap(span_at)(unknown.shape, data)
-    bent = mod.EI * kap**2 / 2
-    P_in, P_out = _preceding(C) - bent, C - bent
+    bent = data.EI * kap**2 / 2
+    P_in, P_out = preceding(C) - bent, C - bent
     V_ref, g = motion(P_in, bent, model)
+    g_of, V_of = mod.loops.spread(g), mod.loops.spread(V_ref)
     slip = jnp.abs(jnp.log(_positive(P_out) / _positive(P_in))) / mod.mu
     wrap = _wraps(spans, across, up, d, model)
     touching = jnp.maximum(unknown.w, jnp.where(mod.loaded > 0, unknown.w, 0.0))
     force_x = spans.F * (across * jnp.cos(spans.phi) - up * jnp.sin(spans.phi)) / d
     force_y = spans.F * (across * jnp.sin(spans.phi) + up * jnp.cos(spans.phi)) / d
     there = _placed(unknown.q, model)
-    pull_x, pull_y = force_x - _preceding(force_x), force_y - _preceding(force_y)
+    pull_x, pull_y = force_x - preceding(force_x), force_y - preceding(force_y)
     reaction = mod.housed * mod.pull * mod.rho * jnp.exp(unknown.scale)
     push = pull_x @ there.by_x + pull_y @ there.by_y
     return Loop(
@@ -125,20 +132,12 @@ def joined(unknown: Unknown, model: ContactModel) -> Loop:
         slip=slip,
         P_in=P_in,
         P_out=P_out,
-        g=g,
-        V_ref=V_ref,
-        unstretched=jax.vmap(mod.law.span_length, (0, 0, None))(spans, data, g),
-        on_pulleys=_on_pulleys(touching - slip, P_in, P_out, bent, g, model),
+        g=g_of,
+        V_ref=V_of,
+        unstretched=jax.vmap(mod.law.span_length)(spans, data, g_of),
+        on_pulleys=_on_pulleys(touching - slip, P_in, P_out, bent, g_of, data.EA, model),
         push=push + mod.bodies.rotary * (reaction @ mod.bodies.carried),
     )
-
-
-def _following(values: Array) -> Array:
-    return jnp.roll(values, -1)
-
-
-def _preceding(values: Array) -> Array:
-    return jnp.roll(values, 1)
 
 
 def _positive(P: Array) -> Array:
@@ -153,68 +152,103 @@ def _span_data(
     unknown: Unknown, kap: Pulleys, model: ContactModel
 ) -> tuple[SpanData, Spans, Spans]:
     """The data of each span, and the components of its line of centers."""
-    there = _placed(unknown.q, model)
+    there, following = _placed(unknown.q, model), model.loops.following
     x, y = there.x, there.y
-    across, up = _following(x) - x, _following(y) - y
+    across, up = following(x) - x, following(y) - y
     d = jnp.sqrt(across**2 + up**2)
-    EI, EA = model.EI * jnp.ones_like(d), model.EA * jnp.ones_like(d)
-    C = _tensions(unknown, kap, model)
-    data = SpanData(C, EI, EA, d, model.rho, _following(model.rho), kap, _following(kap))
+    EI, EA = model.loops.spread(model.EI), model.loops.spread(model.EA)
+    C = _tensions(unknown, kap, EI, model)
+    data = SpanData(C, EI, EA, d, model.rho, following(model.rho), kap, following(kap))
     return data, across, up
 
 
-def _tensions(unknown: Unknown, kap: Pulleys, model: ContactModel) -> Spans:
+def _tensions(unknown: Unknown, kap: Pulleys, EI: Spans, model: ContactModel) -> Spans:
     """C of each span: steps of M/R from one to the next, all above EI kappa^2/2 at both ends."""
-    offsets = jnp.cumsum(model.pull) * jnp.exp(unknown.scale)
-    taken = model.EI * jnp.maximum(kap**2, _following(kap) ** 2) / 2
-    return jnp.max(taken - offsets) + jnp.exp(unknown.level) + offsets
+    # The pulls of each belt add up to zero, so that the sums of the next belt start anew.
+    offsets, loops = jnp.cumsum(model.pull) * jnp.exp(unknown.scale), model.loops
+    taken = EI * jnp.maximum(kap**2, loops.following(kap) ** 2) / 2
+    return loops.spread(loops.largest(taken - offsets) + jnp.exp(unknown.level)) + offsets
 
 
-def motion(P_in: Pulleys, bent: Pulleys, model: ContactModel) -> tuple[Scalar, Scalar]:
-    """V_ref and g = G V_ref; the driver's surface runs as fast as the belt that arrives there."""
-    m0, c, v, G = model.motion
+def motion(P_in: Pulleys, bent: Pulleys, model: ContactModel) -> tuple[Belts, Belts]:
+    """V_ref and g = G V_ref of each belt.
+
+    The surface of the pulley that turns a belt runs as fast as the belt that arrives there. The
+    driver turns its own belt; shafts pass the speeds of that belt's pulleys on to further belts.
+    """
+    (m0, c, v, G), loops, law = model.motion, model.loops, model.law
+    none = jnp.zeros_like(m0)
+    flux = (m0, none) if G is None else (none, G[None])
+    on_giving = loops.sums(model.gives * P_in), loops.sums(model.gives * bent)
+
+    def flow(V_ref: Belts) -> Belts:
+        return (flux[0] * V_ref + flux[1]) * V_ref
+
     if c is not None:
-        return c, m0 * c**2
-    assert v is not None  # one of the two speeds is given
-    none = jnp.zeros_like(v)
-    flux = (m0, none) if G is None else (none, G)
-    on_driver = model.driver @ P_in, model.driver @ bent
-    V_ref = model.law.reference_speed(v, flux, *on_driver, model.EA)
-    return V_ref, (flux[0] * V_ref + flux[1]) * V_ref
+        of_driver = jnp.broadcast_to(c, m0.shape)
+    else:
+        assert v is not None  # one of the two speeds is given
+        speeds = jnp.broadcast_to(v, m0.shape)
+        of_driver = law.reference_speed(speeds, flux, *on_giving, model.EA)
+    V_ref = of_driver
+    for _ in m0[1:]:
+        V = loops.spread(V_ref) * law.stretch(
+            P_in, bent, loops.spread(flow(V_ref)), loops.spread(model.EA)
+        )
+        turned = law.reference_speed(model.gearing @ V, flux, *on_giving, model.EA)
+        V_ref = jnp.where(_turned_by_driver(model), of_driver, turned)
+    return V_ref, flow(V_ref)
 
 
-def tension(P: Array, bent: Array, loop: Loop, model: ContactModel) -> Array:
-    """T = P + G V where `bent` is EI kappa^2/2; rows are spans."""
-    return P + loop.g * model.law.stretch(P, bent, loop.g, model.EA)
+def _turned_by_driver(model: ContactModel) -> Bool[Array, " belts"]:
+    """Whether the driver itself turns the belt."""
+    return jnp.sum(model.gearing, axis=1) == 0
 
 
-def speed(P: Array, bent: Array, loop: Loop, model: ContactModel) -> Array:
-    """V of the stretched belt."""
-    return loop.V_ref * model.law.stretch(P, bent, loop.g, model.EA)
+def tension(
+    P: Array, bent: Array, loop: Loop, model: ContactModel, of: Index = slice(None)
+) -> Array:
+    """T = P + G V of the spans or pulleys `of`, where `bent` is EI kappa^2/2."""
+    g = loop.g[of]
+    return P + g * model.law.stretch(P, bent, g, loop.data.EA[of])
 
 
-def mass_flow(loop: Loop, model: ContactModel) -> Scalar:
-    """G, as it is given, or from the belt's mass and speed."""
-    return model.motion.m0 * loop.V_ref if model.motion.G is None else model.motion.G
+def speed(P: Array, bent: Array, loop: Loop, model: ContactModel, of: Index = slice(None)) -> Array:
+    """V of the stretched belt, as `tension`."""
+    return loop.V_ref[of] * model.law.stretch(P, bent, loop.g[of], loop.data.EA[of])
+
+
+def mass_flow(loop: Loop, model: ContactModel) -> Belts:
+    """G of each belt, as it is given, or from the belt's mass and speed."""
+    G = model.motion.G
+    return model.motion.m0 * loop.V_ref[model.loops.starts] if G is None else G[None]
 
 
 def efficiency(loop: Loop, model: ContactModel) -> Scalar:
     """Power that the accessories take over the power of the driver; 1 where there is none.
 
-    It is a ratio of moments weighted by the belt's stretches, so that it exists for a belt that
-    stands still.
+    It is a ratio of moments weighted by the belts' relative speeds, so that it exists for belts
+    that stand still.
     """
-    bent = model.EI * loop.kap**2 / 2
-    stretch = model.law.stretch(loop.P_in, bent, loop.g, model.EA)
-    given = -model.driver @ (model.pull * stretch)
-    taken = (1 - model.driver) @ (model.pull * stretch)
+    loops = model.loops
+    bent = loop.data.EI * loop.kap**2 / 2
+    stretch = model.law.stretch(loop.P_in, bent, loop.g, loop.data.EA)
+    ratios = jnp.ones(len(loops.sizes))
+    for _ in loops.sizes[1:]:
+        turned = model.gearing @ (loops.spread(ratios) * stretch)
+        ratios = turned / loops.sums(model.gives * stretch)
+        ratios = jnp.where(_turned_by_driver(model), 1.0, ratios)
+    speeds = loops.spread(ratios) * stretch
+    given = -model.driving @ (model.pull * speeds)
+    taken = (1 - model.driving) @ (model.pull * speeds)
     return jnp.where(given == 0, 1.0, taken / jnp.where(given == 0, 1.0, given))
 
 
 def inclinations(spans: Span, model: ContactModel) -> tuple[Spans, Spans]:
     """Directions of the belt at the spans' starts and ends, from the lines of centers."""
     turn = jnp.sign(model.rho)
-    return spans.phi - 2 * turn * spans.u_i, spans.phi + 2 * _following(turn) * spans.u_j
+    next_turn = model.loops.following(turn)
+    return spans.phi - 2 * turn * spans.u_i, spans.phi + 2 * next_turn * spans.u_j
 
 
 def _wraps(spans: Span, across: Spans, up: Spans, d: Spans, model: ContactModel) -> Pulleys:
@@ -223,32 +257,38 @@ def _wraps(spans: Span, across: Spans, up: Spans, d: Spans, model: ContactModel)
     The angles of a string, which are taken in (-90, 270) degrees, decide about full turns. A large
     pulley beside a small one may take more than 270 degrees: the belt turns once in all.
     """
-    cos, sin = across / d, up / d
-    rise = jnp.clip((model.rho - _following(model.rho)) / d, -1.0, 1.0)
+    cos, sin, loops = across / d, up / d, model.loops
+    rise = jnp.clip((model.rho - loops.following(model.rho)) / d, -1.0, 1.0)
     run = jnp.sqrt(jnp.maximum(1 - rise**2, 1e-12))
     along_x, along_y = cos * run - sin * rise, sin * run + cos * rise
-    before_x, before_y = _preceding(along_x), _preceding(along_y)
+    before_x, before_y = loops.preceding(along_x), loops.preceding(along_y)
     turn = jnp.sign(model.rho)
     straight = turn * jnp.arctan2(
         before_x * along_y - before_y * along_x, before_x * along_x + before_y * along_y
     )
     straight = jnp.where(straight < -jnp.pi / 2, straight + 2 * jnp.pi, straight)
-    once = jnp.abs(jnp.sum(turn * straight)) > jnp.pi
-    least = jnp.arange(len(turn)) == jnp.argmin(straight)
-    straight = jnp.where(least & ~once, straight + 2 * jnp.pi, straight)
+    once = jnp.abs(loops.sums(turn * straight)) > jnp.pi
+    short = jnp.where(once, 0.0, 2 * jnp.pi)
+    straight = straight + loops.at_smallest(straight) * loops.spread(short)
     string = jnp.arctan2(rise, run)
     start, end = inclinations(spans, model)
-    return straight + turn * ((start - string) - _preceding(end - string))
+    return straight + turn * ((start - string) - loops.preceding(end - string))
 
 
 def _on_pulleys(
-    adhesion: Pulleys, P_in: Pulleys, P_out: Pulleys, bent: Pulleys, g: Scalar, model: ContactModel
+    adhesion: Pulleys,
+    P_in: Pulleys,
+    P_out: Pulleys,
+    bent: Pulleys,
+    g: Pulleys,
+    EA: Pulleys,
+    model: ContactModel,
 ) -> Pulleys:
     """Unstretched lengths of the arcs of adhesion and of slip (5.26)."""
     high = _positive(jnp.maximum(P_in, P_out))
     low = _positive(jnp.minimum(P_in, P_out))
-    adhering = adhesion / model.law.stretch(P_in, bent, g, model.EA)
-    slipping = model.law.slip_length(low, high, model.mu, bent, g, model.EA)
+    adhering = adhesion / model.law.stretch(P_in, bent, g, EA)
+    slipping = model.law.slip_length(low, high, model.mu, bent, g, EA)
     return jnp.abs(model.rho) * (adhering + slipping)
 
 

@@ -1,13 +1,14 @@
 """The search for a belt in contact: at rest, running, or slipping under the largest torques.
 
-One square system in the letters of `physics.contact`: the level of C, the bodies' coordinates, the
-factor on the torques, each pulley's wrap and two numbers for the shape of each span.
+One square system in the letters of `physics.contact`: each belt's level of C, the bodies'
+coordinates, the factor on the torques, each pulley's wrap and two numbers for each span's shape.
 """
 
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from beltjax.numerics.derivative_rules import frozen_unless
@@ -16,12 +17,13 @@ from beltjax.numerics.roots import followed_root, implicit_solution
 from beltjax.physics.contact import BeltMotion, ContactModel, Loop, Unknown, joined, long_spans
 
 Scalar = Float[Array, ""]
+Belts = Float[Array, " belts"]
 
 
 class HeldBelt(NamedTuple):
-    """Properties of the installed belt and springs that stay the same."""
+    """Properties of the installed belts and springs that stay the same."""
 
-    L0: Scalar  # unstretched length
+    L0: Belts  # unstretched lengths
     relaxed: Coordinates  # the springs push by this less K q
     at: Coordinates  # where the bodies stand that are bolted
 
@@ -39,7 +41,7 @@ class Task(NamedTuple):
     resting: Scalar  # 1: find the springs for the bodies as drawn; 0: belt and springs are `held`
     by_tension: Scalar  # 1: the belt has the `tension`; 0: the length
     maximum: Scalar  # 1: torques scaled until a first pulley slips fully; 0: torques as they are
-    tension: Scalar  # mean over the spans of the tension at half the arc length
+    tension: Belts  # mean over the spans of the tension at half the arc length
     held: HeldBelt
     bolted: Coordinates  # 1 where a body stands at `held.at`
     adjusted: Coordinates  # 1 where one is moved until the belt has its length, too
@@ -79,26 +81,26 @@ def solve(model: ContactModel, task: Task, start: Unknown, origin: Unknown) -> S
     unknown = _unpacked(root, model)
     resting = task.resting > 0
     relaxed = jnp.where(resting, model.K @ unknown.q - loop.push, task.held.relaxed)
-    length = jnp.where(task.by_tension > 0, _length(loop), task.held.L0)
+    length = jnp.where(task.by_tension > 0, _lengths(loop, model), task.held.L0)
     held = HeldBelt(length, relaxed, jnp.where(task.bolted > 0, unknown.q, task.held.at))
     residual = jnp.max(jnp.abs(found.residual))
     return Solved(unknown, loop, held, converged, residual, found.steps, load)
 
 
-def likely(C: Scalar, q: Coordinates, scale: Scalar, model: ContactModel) -> Unknown:
+def likely(C: Belts, q: Coordinates, scale: Scalar, model: ContactModel) -> Unknown:
     """A start for `solve`: C at the tensioners, or the mean over the spans; wraps of long spans.
 
     It has no derivatives, since a search does not need them.
     """
     C, q, scale, model = jax.lax.stop_gradient((C, q, scale, model))
-    offsets = jnp.exp(scale) * jnp.cumsum(model.pull)
-    taken = jnp.max(model.EI / model.rho**2 / 2)
+    offsets, loops = jnp.exp(scale) * jnp.cumsum(model.pull), model.loops
+    taken = loops.largest(loops.spread(model.EI) / model.rho**2 / 2)
     # Tensioners hold the tension that they had at rest; locked centers the mean.
     carried = jnp.sum(model.bodies.carries, axis=1)
-    count = jnp.sum(carried)
-    at_tensioners = carried @ offsets / jnp.maximum(count, 1.0)
-    kept = jnp.where(count > 0, at_tensioners, jnp.mean(offsets))
-    spare = C - taken - (kept - jnp.min(offsets))
+    count = loops.sums(carried)
+    at_tensioners = loops.sums(carried * offsets) / jnp.maximum(count, 1.0)
+    kept = jnp.where(count > 0, at_tensioners, loops.means(offsets))
+    spare = C - taken - (kept + loops.largest(-offsets))
     level = jnp.log(jnp.maximum(spare, 0.05 * C))
     touching, unshaped = jnp.ones_like(model.rho), jnp.zeros((len(model.rho), 2))
     unknown = Unknown(touching, level, q, scale, unshaped)
@@ -110,7 +112,7 @@ def _largest(start: Unknown) -> Unknown:
     """Largest change in one step: a factor e, 6 degrees, a factor 2, and about 1 for the rest."""
     return Unknown(
         w=jnp.ones_like(start.w),
-        level=jnp.array(1.0),
+        level=jnp.ones_like(start.level),
         q=jnp.full_like(start.q, 0.1),
         scale=jnp.array(0.7),
         shape=jnp.broadcast_to(jnp.array([1.5, 0.5]), start.shape.shape),
@@ -118,13 +120,14 @@ def _largest(start: Unknown) -> Unknown:
 
 
 def _packed(unknown: Unknown) -> Array:
-    head = jnp.stack([unknown.level, unknown.scale])
-    return jnp.concatenate([head, unknown.q, unknown.w, unknown.shape.ravel()])
+    head = unknown.level, unknown.scale[None], unknown.q, unknown.w
+    return jnp.concatenate([*head, unknown.shape.ravel()])
 
 
 def _unpacked(x: Array, model: ContactModel) -> Unknown:
-    k, n = len(model.floating), len(model.rho)
-    return Unknown(x[2 + k : 2 + k + n], x[0], x[2 : 2 + k], x[1], x[2 + k + n :].reshape(n, 2))
+    sizes = len(model.EI), 1, len(model.floating), len(model.rho)
+    level, scale, q, w, shape = jnp.split(x, np.cumsum(sizes))
+    return Unknown(w, level, q, scale[0], shape.reshape(-1, 2))
 
 
 def _met(x: Array, args: tuple[ContactModel, Task]) -> tuple[Array, Loop]:
@@ -136,22 +139,19 @@ def _met(x: Array, args: tuple[ContactModel, Task]) -> tuple[Array, Loop]:
 
 def _equations(unknown: Unknown, loop: Loop, model: ContactModel, task: Task) -> Array:
     """Residuals of tension or belt length, bodies, torques, contacts and spans, of order one."""
-    size = jnp.mean(loop.C)
-    length = (_length(loop) / task.held.L0 - 1) * model.EA / size
+    length = (_lengths(loop, model) / task.held.L0 - 1) * model.EA / model.loops.means(loop.C)
     # At rest T = P; whichever the law, nothing else is bent there.
-    tension = jnp.mean(loop.spans.P_mid) / task.tension - 1
+    tension = model.loops.means(loop.spans.P_mid) / task.tension - 1
     spare = jnp.min(jnp.where(model.loaded > 0, loop.wrap - loop.slip, jnp.inf))
-    head = [
-        jnp.where(task.by_tension > 0, tension, length),
-        jnp.where(task.maximum > 0, spare, unknown.scale),
-    ]
+    scale = jnp.where(task.maximum > 0, spare, unknown.scale)
+    levels = jnp.where(task.by_tension > 0, tension, length)
     # Zero where w is the wrap, or where the wrap is zero and w what is left of the curvature.
     contacts = loop.wrap - loop.touching
     bodies = _bodies(unknown.q, loop, length, model, task)
-    return jnp.concatenate([jnp.stack(head), bodies, contacts, loop.unmet.ravel()])
+    return jnp.concatenate([levels, scale[None], bodies, contacts, loop.unmet.ravel()])
 
 
-def _bodies(q: Coordinates, loop: Loop, length: Scalar, model: ContactModel, task: Task) -> Array:
+def _bodies(q: Coordinates, loop: Loop, length: Belts, model: ContactModel, task: Task) -> Array:
     """Residuals of the bodies' positions.
 
     Installed by a tension, sprung bodies stand as drawn, and floating ones where the belt leaves no
@@ -169,7 +169,9 @@ def _bodies(q: Coordinates, loop: Loop, length: Scalar, model: ContactModel, tas
     drawn = jnp.where(model.first > 0, model.together @ loop.push / size, apart)
     stands = q + task.marks @ q - task.held.at
     found = jnp.where(task.resting > 0, drawn, balance)
-    return jnp.where(task.adjusted > 0, length, jnp.where(task.bolted > 0, stands, found))
+    # An adjusted body fits the belts that it moves.
+    moved = jnp.minimum(model.loops.sums(of.carried @ task.adjusted), 1.0)
+    return jnp.where(task.adjusted > 0, moved @ length, jnp.where(task.bolted > 0, stands, found))
 
 
 def _force(q: Coordinates, push: Coordinates, model: ContactModel, held: HeldBelt) -> Coordinates:
@@ -190,8 +192,8 @@ def _distances(of: Bodies, model: ContactModel) -> Float[Array, "pulleys coordin
     return across**2 + up**2
 
 
-def _length(loop: Loop) -> Scalar:
-    return jnp.sum(loop.unstretched + loop.on_pulleys)
+def _lengths(loop: Loop, model: ContactModel) -> Belts:
+    return model.loops.sums(loop.unstretched + loop.on_pulleys)
 
 
 def _under(load: Scalar, model: ContactModel, task: Task) -> tuple[ContactModel, Task]:

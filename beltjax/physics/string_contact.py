@@ -34,14 +34,14 @@ def critical_speed(tension: Scalar, EA: Scalar, m0: Scalar) -> Scalar:
     return jnp.sqrt(tension / (m0 * (1 + tension / EA)))
 
 
-def string_drive(model: ContactModel, tension: Scalar, g: Scalar, maximum: bool) -> StringDrive:
+def string_drive(model: ContactModel, tension: Scalar, g: Pulleys, maximum: bool) -> StringDrive:
     """The running string whose tension at rest is `tension`; g = G V_ref.
 
     With `maximum`, which holds for two pulleys only, it is under the largest torque: the tensions
     are in the ratio e^{mu wrap} of the pulley that slips first, whatever their level.
     """
     L, wrap = _geometry(model)
-    R, EA = jnp.abs(model.rho), model.EA
+    R, EA, g = jnp.abs(model.rho), model.EA[0], g[0]
     L0 = jnp.sum(L + wrap * R) / (1 + tension / EA)
     ratio = jnp.exp(jnp.min(model.mu * wrap))
     offsets = jnp.cumsum(model.pull)

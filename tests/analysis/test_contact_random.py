@@ -53,7 +53,10 @@ def name_of(found):
 @jax.jit
 def residual(model, held, unknown):
     """What is left of the equations at the root that was returned."""
-    task = contact_search.Task(jnp.zeros(()), jnp.zeros(()), jnp.ones(()), held)
+    zero, one, free = jnp.zeros(()), jnp.ones(()), jnp.zeros_like(unknown.q)
+    task = contact_search.Task(
+        zero, zero, zero, one[None], held, model.bodies.locked, free, jnp.zeros_like(model.K)
+    )
     packed = contact_search._packed(unknown)
     return jnp.max(jnp.abs(contact_search._met(packed, (model, task))[0]))
 
@@ -72,13 +75,13 @@ def unmet(model, held, level, turn):
     """Belt too long, and moment left on the arm, where level and arm are held."""
     zero, q = jnp.zeros(()), jnp.broadcast_to(turn, (len(model.K),))
     unknown = contact.Unknown(
-        jnp.ones_like(model.rho), level, q, zero, jnp.zeros((len(model.rho), 2))
+        jnp.ones_like(model.rho), level[None], q, zero, jnp.zeros((len(model.rho), 2))
     )
     unknown = unknown._replace(shape=shapes(unknown, model))
     first = contact.joined(unknown, model)
     loop = contact.joined(unknown._replace(w=first.wrap), model)
     left = loop.push + held.relaxed - model.K @ q
-    return contact_search._length(loop) / held.L0 - 1, jnp.sum(left)
+    return (contact_search._lengths(loop, model) / held.L0 - 1)[0], jnp.sum(left)
 
 
 @jax.jit

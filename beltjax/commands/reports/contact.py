@@ -36,7 +36,6 @@ from beltjax.drive.canonical import canonical
 from beltjax.drive.files import load_drive
 from beltjax.drive.installation import BeltGiven
 from beltjax.drive.layout import layout
-from beltjax.drive.one_belt import one_belt
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
@@ -75,13 +74,27 @@ class FreeSpanPart(Part):
     angle_end_deg: Maybe = meaning("likewise")
 
 
+class RunningBeltPart(Part):
+    """A belt as a whole."""
+
+    name: str
+    unstretched_length: Maybe = meaning("m")
+    string_tension: Maybe = meaning("N, that this belt would have as a string, as drawn")
+    unstretched_speed: Maybe = meaning("m/s, of the unstretched belt")
+    mass_flow: Maybe = meaning("kg/s")
+
+
 class ContactDocument(Document):
-    """`beltjax contact`: numbers are null where no state was found."""
+    """`beltjax contact`: numbers are null where no state was found.
+
+    Lengths, speeds and flows of a single belt stand by themselves too; of several they are null.
+    """
 
     drive: str
     feasible: bool = meaning("whether the state found can be: nothing slips fully, nothing leaves")
     pulleys: list[TouchedPulleyPart] | None
     spans: list[FreeSpanPart] | None
+    belts: list[RunningBeltPart] | None
     unstretched_length: Maybe = meaning("m, of the belt")
     efficiency: Maybe = meaning("power taken over power given")
     driver_moment: Maybe = meaning("N m")
@@ -101,7 +114,6 @@ def contact_report(
     path: str | os.PathLike[str],
     maximum: bool,
     law: str,
-    belt: str | None,
     pictures: tuple[str | None, str | None] = (None, None),
     si: bool = False,
 ) -> Report:
@@ -117,7 +129,10 @@ def contact_report(
         question = contact_question(law, maximum)
     except ValueError as error:
         raise FileError("--law", "", str(error).rstrip(".")) from error
-    drive, point = _the_belt(*load_drive(path), belt, path)
+    drive, point = load_drive(path)
+    if len(drive.belts) > 1 and point.mass_flow is not None:
+        message = "is that of a single belt; give each belt's mass_per_length alone"
+        raise FileError(path, "operation.mass_flow", message)
     bare = without_friction(drive, point, maximum)
     if bare is not None:
         message = "is missing; this pulley has torque, which friction holds"
@@ -130,20 +145,6 @@ def contact_report(
     files = _pictures(drive, point, state, *pictures) if document["pulleys"] else ()
     failure = str(FileError(path, why.key, why.message)) if why else ""
     return Report(document, contact_tables(document, TableUnits(drive, si)), failure, files)
-
-
-def _the_belt(
-    drive: Drive, point: OperatingPoint, belt: str | None, path: str | os.PathLike[str]
-) -> tuple[Drive, OperatingPoint]:
-    """The drive of one belt: the only one, or the one that the option names."""
-    names = [one.name for one in drive.belts]
-    if belt is None and len(names) > 1:
-        message = f"contact is found for one belt at a time; give one of {', '.join(names)}"
-        raise FileError("--belt", "", message)
-    try:
-        return one_belt(drive, point, belt or names[0])
-    except (KeyError, ValueError) as error:
-        raise FileError("--belt", "", str(error.args[0]).rstrip(".")) from error
 
 
 def _pictures(
@@ -176,18 +177,21 @@ def contact_document(drive: Drive, state: ContactState) -> dict[str, Any]:
     two = len(drive.pulleys) == 2
     moments = np.asarray(state.moments)
     driven = float(np.abs(moments[int(np.argmin(drive.drives))]))
+    belts = _belts(drive, state) if found else None
+    single = belts[0] if belts is not None and len(belts) == 1 else {}
     return {
         "drive": drive.name,
         "model": model_flags(drive),
         "feasible": bool(state.feasible),
         "pulleys": _pulleys(drive, state) if found else None,
         "spans": _spans(drive, state) if found else None,
-        "unstretched_length": plain(state.unstretched_length) if found else None,
+        "belts": belts,
+        "unstretched_length": single.get("unstretched_length"),
         "efficiency": plain(state.efficiency) if found else None,
         "driver_moment": plain(state.driver_moment) if found else None,
         "driven_moment": driven if found and two else None,
         "torque_factor": plain(state.torque_factor) if found else None,
-        "string_tension": _string_tension(drive, state) if found else None,
+        "string_tension": single.get("string_tension"),
         "arm_angle": plain(state.arm_angle) if found and single_arm(drive) else None,
         "free_angle": plain(state.free_angle) if found and single_arm(drive) else None,
         "coordinates": {
@@ -198,21 +202,35 @@ def contact_document(drive: Drive, state: ContactState) -> dict[str, Any]:
             body.name: STOPS.get(int(stop)) if found else None
             for body, stop in zip(drive.tensioners, np.asarray(state.at_stop), strict=True)
         },
-        "unstretched_speed": plain(state.unstretched_speed) if found else None,
-        "mass_flow": plain(state.mass_flow) if found else None,
+        "unstretched_speed": single.get("unstretched_speed"),
+        "mass_flow": single.get("mass_flow"),
         "message": "" if state.feasible else explanation(state.result),
     }
 
 
-def _string_tension(drive: Drive, state: ContactState) -> float | None:
-    """Tension [N] that the belt would have as a string in the drawn layout, without torque.
+def _belts(drive: Drive, state: ContactState) -> list[dict[str, Any]]:
+    lengths = np.atleast_1d(state.unstretched_length)
+    columns = zip(
+        (belt.name for belt in drive.belts),
+        plain(lengths),
+        _string_tensions(drive, lengths),
+        plain(np.atleast_1d(state.unstretched_speed)),
+        plain(np.atleast_1d(state.mass_flow)),
+        strict=True,
+    )
+    keys = "name", "unstretched_length", "string_tension", "unstretched_speed", "mass_flow"
+    return [dict(zip(keys, row, strict=True)) for row in columns]
+
+
+def _string_tensions(drive: Drive, lengths: np.ndarray) -> list[Any]:
+    """Tension [N] that each belt would have as a string in the drawn layout, without torque.
 
     None where the belt is given and an arm moves, so that the drawn layout is not the one at rest.
     """
     if isinstance(drive.installation, BeltGiven) and drive.tensioners:
-        return None
-    path = float(layout(drive, throw=False).path_length)
-    return float(drive.belt.axial_stiffness) * (path / float(state.unstretched_length) - 1)
+        return [None] * len(lengths)
+    paths = np.asarray(layout(drive, throw=False).path_lengths)
+    return plain(np.asarray(drive.axial_stiffnesses) * (paths / lengths - 1))
 
 
 def _pulleys(drive: Drive, state: ContactState) -> list[dict[str, Any]]:
@@ -253,7 +271,8 @@ def contact_tables(document: dict[str, Any], units: TableUnits) -> Group:
     """The tables of `beltjax contact`, from its JSON document."""
     if document["pulleys"] is None:
         return Group(escape(f"{document['drive']}: no state of contact"))
-    tables = _pulley_table, _span_table, _summary
+    several = len(document["belts"]) > 1
+    tables = _pulley_table, _span_table, *([_belt_table] if several else []), _summary
     return Group(*(table(document, units) for table in tables))
 
 
@@ -281,16 +300,34 @@ def _span_table(document: dict[str, Any], units: TableUnits) -> Table:
     return table
 
 
+def _belt_table(document: dict[str, Any], units: TableUnits) -> Table:
+    columns = [
+        ("unstretched_length", "length, unstretched", "m", 3),
+        ("string_tension", "T as a string", "N", 2),
+        ("unstretched_speed", "speed", "m/s", 3),
+        ("mass_flow", "mass flow", "kg/s", 4),
+    ]
+    heads = (units.head(label, unit) for _, label, unit, _ in columns)
+    table = plain_table("", "belt", *heads)
+    for row in document["belts"]:
+        cells = (units.text(row[key], unit, digits) for key, _, unit, digits in columns)
+        table.add_row(escape(row["name"]), *cells)
+    return table
+
+
 def _summary(document: dict[str, Any], units: TableUnits) -> Table:
     table = plain_table("", "quantity", "value", "unit")
     rows = [
         ("efficiency", document["efficiency"], 6, ""),
         ("driver's moment", document["driver_moment"], 4, "N m"),
         ("factor on the torques", document["torque_factor"], 4, ""),
-        ("belt length, unstretched", document["unstretched_length"], 3, "m"),
-        ("tension of that belt as a string", document["string_tension"], 2, "N"),
-        ("mass flow", document["mass_flow"], 4, "kg/s"),
     ]
+    if len(document["belts"]) == 1:
+        rows += [
+            ("belt length, unstretched", document["unstretched_length"], 3, "m"),
+            ("tension of that belt as a string", document["string_tension"], 2, "N"),
+            ("mass flow", document["mass_flow"], 4, "kg/s"),
+        ]
     for label, value, digits, unit in rows:
         table.add_row(label, units.text(value, unit, digits), units.name(unit))
     return table
