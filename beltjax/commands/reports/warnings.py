@@ -26,13 +26,13 @@ def steady_warnings(drive: Drive, point: OperatingPoint, steady: SteadyState) ->
     return [
         *_stiff_belts(drive, np.asarray(steady.stiffness_ratios)),
         *_far_tensioners(drive, steady),
-        *_loads_outside((drive, point)),
+        *load_warnings((drive, point)),
         *_idle_dampers(drive),
     ]
 
 
-def _loads_outside(*runs: tuple[Drive, OperatingPoint]) -> Warnings:
-    """Pulleys that turn faster or slower than the tables of their loads say, in one of the runs."""
+def load_warnings(*runs: tuple[Drive, OperatingPoint]) -> Warnings:
+    """Warn of pulleys that turn faster or slower than the tables of their loads say in a run."""
     found: dict[str, str] = {}
     for drive, point in runs:
         tables = {name: load for name, load in point.load.items() if load.speed is not None}
@@ -97,8 +97,19 @@ def sweep_warnings(drive: Drive, point: OperatingPoint, found: Sweep) -> Warning
     stiff = _stiff_belts(drive, found.stiffness_ratios[found.good])
     if not point.load:
         return stiff
-    ends = [with_number(drive, point, found.name, x) for x in jnp.asarray(found.values[[0, -1]])]
-    return [*stiff, *_loads_outside(*ends)]
+    return [*stiff, *load_warnings(*_ends(drive, point, found.name, found.values))]
+
+
+def range_warnings(drive: Drive, point: OperatingPoint, speeds: np.ndarray) -> Warnings:
+    """`load_warnings` over a range of the driver's speed [rad/s]."""
+    return load_warnings(*_ends(drive, point, "operation.driver_speed", speeds))
+
+
+def _ends(
+    drive: Drive, point: OperatingPoint, name: str, values: np.ndarray
+) -> list[tuple[Drive, OperatingPoint]]:
+    """The drive and point at the ends of a range of one number."""
+    return [with_number(drive, point, name, x) for x in jnp.asarray(values)[jnp.array([0, -1])]]
 
 
 def _stiff_belts(drive: Drive, ratios: np.ndarray) -> Warnings:
