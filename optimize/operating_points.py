@@ -104,7 +104,7 @@ def cases_of_duties(duties: dict[str, OperatingPoint], path: object) -> Cases | 
     if not duties:
         return None
     try:
-        return Cases(stacked(duties), tuple(duties))
+        return Cases(stacked(duties), tuple(duties), are_duties=True)
     except ValueError as error:
         raise FileError(path, "duty", str(error)) from error
 

@@ -134,11 +134,14 @@ def _require_excited(file: DriveTable, wheels: Wheels, path: object) -> None:
 
 def operation_content(point: OperatingPoint) -> dict[str, Any]:
     """The table [operation] of an operating point."""
-    content = numbers_content(point) | {
-        "travel": word(TRAVELS, point.travel),
-        "torque": _by_name(point.torque),
-    }
+    torque = _by_name(point.torque)
     loads = {name: numbers_content(load) for name, load in point.load.items()}
+    for name, load in loads.items():
+        # In a file a torque beside a load is its drag.
+        beside = torque.pop(name, 0.0)
+        if beside:
+            load["drag"] = load.get("drag", 0.0) + beside
+    content = numbers_content(point) | {"travel": word(TRAVELS, point.travel), "torque": torque}
     return content | {"load": loads} if loads else content
 
 

@@ -286,6 +286,10 @@ def test_a_study_is_over_the_duties_of_its_drive(tmp_path):
     study = bj.optimize.load_study(tmp_path / "study.toml")
     assert study.cases.names == ("idle", "heavy")
     drive, duties = bj.load_duties(tmp_path / "drive.toml")
+    bj.save_drive(tmp_path / "saved.toml", study.drive, study.point, study.cases.duties)
+    _, saved = bj.load_duties(tmp_path / "saved.toml")
+    for name, point in duties.items():
+        np.testing.assert_allclose(saved[name].torques(drive), point.torques(drive), rtol=1e-15)
     wider = bj.optimize.with_values(drive, {"pulley.accessory.radius": jnp.array(0.04)})
     found = bj.optimize.problem.run_measured(study, wider)
     totals = bj.duty_states(wider, duties).coupling.sum(axis=1)

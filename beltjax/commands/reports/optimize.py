@@ -179,7 +179,8 @@ def optimize_report(
         )
         files.append((given.figure, picture_bytes(picture, given.figure)))
     if given.drive and design.success:
-        files.append((given.drive, drive_bytes(design.drive, study.point)))
+        duties = study.cases.duties if study.cases else {}
+        files.append((given.drive, drive_bytes(design.drive, study.point, duties)))
     if given.page:
         from beltjax.commands.reports.page import study_page  # slow to load
 
