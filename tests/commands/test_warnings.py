@@ -8,16 +8,21 @@ import pytest
 from drives import example
 
 import beltjax as bj
-from beltjax.commands.reports.warnings import response_warnings, sweep_warnings
+from beltjax.commands.reports.warnings import (
+    load_warnings,
+    range_warnings,
+    response_warnings,
+    sweep_warnings,
+)
 
 RATIOS = np.array([[0.05, 0.1, 0.14], [0.05, 0.1, 0.2], [0.3, np.nan, np.nan]])
 
 
 @pytest.mark.parametrize(("good", "stiff"), [([1, 0, 0], []), ([1, 1, 0], ["accessory (0.2)"])])
 def test_a_sweep_warns_of_the_belt_that_is_stiff_at_one_of_its_values(good, stiff):
-    drive, _ = example("three_pulley")
+    drive, point = example("three_pulley")
     found = SimpleNamespace(stiffness_ratios=RATIOS, good=np.array(good, bool))
-    warned = sweep_warnings(drive, found)
+    warned = sweep_warnings(drive, point, found)
     assert [one["code"] for one in warned] == ["belt_stiff_on_pulley"] * len(stiff)
     for name in stiff:
         assert f"stiff for {name}: sqrt(EI/T)/radius is above 0.15" in warned[0]["text"]
@@ -36,3 +41,18 @@ def test_a_response_warns_of_stiff_belts_and_of_slack_spans():
     )
     codes = [one["code"] for one in response_warnings(drive, found)]
     assert codes == ["belt_stiff_on_pulley", "span_slackens"]
+
+
+def test_speeds_outside_of_the_table_of_a_load_are_named():
+    """At 20 m/s the accessory turns at 20/0.02697 rad/s, 7081 rpm."""
+    drive, _ = example("three_pulley")
+    table = bj.Load(power=[100.0, 900.0], speed=np.array([3000, 6000]) * np.pi / 30)
+    points = [bj.OperatingPoint(belt_speed=v, load={"accessory": table}) for v in (12.0, 20.0)]
+    assert load_warnings((drive, points[0])) == []
+    [warned] = load_warnings(*((drive, point) for point in points))
+    assert warned["code"] == "load_outside_table"
+    assert "accessory turns at 7081 rpm (3000 to 6000 rpm)" in warned["text"]
+    ratio = 0.0889 / 0.02697
+    inside = np.array([3001, 5999]) * np.pi / 30 / ratio
+    assert range_warnings(drive, points[0], inside) == []
+    assert len(range_warnings(drive, points[0], np.array([0.9, 1.0]) * inside)) == 1
