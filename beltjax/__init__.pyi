@@ -8,6 +8,7 @@ from .analysis.contact_path import BeltPiece as BeltPiece
 from .analysis.contact_path import belt_pieces as belt_pieces
 from .analysis.contact_path import span_deflection as span_deflection
 from .analysis.damping import Damping as Damping
+from .analysis.duties import duty_states as duty_states
 from .analysis.linearization import Linearization as Linearization
 from .analysis.linearization import linearize as linearize
 from .analysis.modes import Modes as Modes
@@ -40,6 +41,7 @@ from .drive.components import Model as Model
 from .drive.components import Pulley as Pulley
 from .drive.components import Tensioner as Tensioner
 from .drive.files import load_drive as load_drive
+from .drive.files import load_duties as load_duties
 from .drive.files import save_drive as save_drive
 from .drive.installation import AdjustedToMark as AdjustedToMark
 from .drive.installation import AdjustedToTension as AdjustedToTension
@@ -49,6 +51,7 @@ from .drive.installation import TensionGiven as TensionGiven
 from .drive.layout import Layout as Layout
 from .drive.layout import alignment_angles as alignment_angles
 from .drive.layout import layout as layout
+from .drive.loads import Load as Load
 from .drive.operation import ExcitationGiven as ExcitationGiven
 from .drive.operation import OperatingPoint as OperatingPoint
 from .drive.system import Drive as Drive

@@ -58,6 +58,7 @@ if TYPE_CHECKING:
         span_slack: "RESULTS"
         belt_stiff_on_pulley: "RESULTS"
         tensioner_moves_far: "RESULTS"
+        load_outside_table: "RESULTS"
         steady_state_not_found: "RESULTS"
         beam_unusable: "RESULTS"
         beyond_critical_speed: "RESULTS"
@@ -94,8 +95,9 @@ else:
         """How a computation ended."""
 
         numbers_unusable = (
-            "A number of the drive is not finite, or a radius, stiffness, mass, length or tension "
-            "is not positive. Correct it before anything else."
+            "A number of the drive is not finite, a radius, stiffness, mass, length or tension is "
+            "not positive, or a load takes power from a pulley that stands still. Correct it "
+            "before anything else."
         )
         no_tangent = (
             "Two neighboring pulleys have no common tangent: they lie inside each other, or "
@@ -146,6 +148,10 @@ else:
             "The belt is stiff for a pulley: sqrt(EI/T)/radius is above 0.15, so that it touches "
             "elsewhere than a string would. `steady.stiffness_ratios` shows which pulley; "
             "`contact_state` finds where the belt really touches."
+        )
+        load_outside_table = (
+            "A pulley turns faster or slower than the table of its load says; the torque at the "
+            "end of the table is held. Extend the table, or change the speed."
         )
         steady_state_not_found = (
             "The search for the running tension did not end. Look for a number that is far out of "

@@ -9,6 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from pydantic import Field
 
+from beltjax.drive.duties import stacked
+from beltjax.drive.loads import without_load
 from beltjax.drive.numbers import require_numbers
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
@@ -72,9 +74,15 @@ def read_cases(
         if table.name in names or not table.name or "@" in table.name:
             raise FileError(path, key, "needs a name of its own without '@'; rename it")
         torque = _torques(table, drive, point, path)
+        # Its own torque is all that a pulley takes; the structure of all points is one.
+        load = {
+            name: without_load(one) if name in (table.torque or {}) else one
+            for name, one in point.load.items()
+        }
         for speed in _speeds(table, point, path):
             names.append(table.name)
-            points.append(dataclasses.replace(point, torque=torque, excitation=None, **speed))
+            given = speed | {"torque": torque, "load": load}
+            points.append(dataclasses.replace(point, excitation=None, **given))
     rules = {point.belt_speed is None for point in points}
     if len(rules) > 1:
         raise FileError(
@@ -86,6 +94,19 @@ def read_cases(
         repeated = jax.tree.map(lambda x: jnp.stack([x] * len(points)), shaken)
         stacked = dataclasses.replace(stacked, excitation=repeated)
     return Cases(stacked, tuple(names))
+
+
+def cases_of_duties(duties: dict[str, OperatingPoint], path: object) -> Cases | None:
+    """The duties of a drive file as operating points of a study; None where there are none.
+
+    Raises `FileError` for duties that cannot be measured together.
+    """
+    if not duties:
+        return None
+    try:
+        return Cases(stacked(duties), tuple(duties), are_duties=True)
+    except ValueError as error:
+        raise FileError(path, "duty", str(error)) from error
 
 
 def _torques(

@@ -24,6 +24,15 @@ class Cases(eqx.Module):
 
     points: OperatingPoint  # every leaf [cases]
     names: tuple[str, ...] = eqx.field(static=True)  # of each case
+    are_duties: bool = eqx.field(static=True, default=False)  # of the drive file
+
+    @property
+    def duties(self) -> dict[str, OperatingPoint]:
+        """The cases by their names where they are duties of the drive file; else none."""
+        if not self.are_duties:
+            return {}
+        points = self.points
+        return {n: jax.tree.map(lambda x, k=k: x[k], points) for k, n in enumerate(self.names)}
 
     def places(self, name: str) -> list[int]:
         """Places of the cases of that name; of all of them for ""."""

@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 from pydantic import Field
 
-from beltjax.drive.files import load_drive
+from beltjax.drive.files import load_runs
 from beltjax.drive.numbers import fact_of, unit_of, variable_names
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
@@ -18,7 +18,14 @@ from beltjax.files.reading import read_toml
 from beltjax.files.tables import Table, validated
 from beltjax.files.units import to_si
 
-from .operating_points import PointTable, SiOrText, number_of, read_cases, require_of_drive
+from .operating_points import (
+    PointTable,
+    SiOrText,
+    cases_of_duties,
+    number_of,
+    read_cases,
+    require_of_drive,
+)
 from .quantities import definition_of
 from .robust.tolerance_tables import RobustTable, ToleranceTable, read_scatter
 from .search.registry import DEFAULT, find_optimizer, optimizer_names
@@ -113,8 +120,13 @@ def load_study(path: str | os.PathLike[str]) -> Study:
     drive_path = Path(path).parent / file.drive
     if not os.path.isfile(drive_path):
         raise FileError(path, "drive", f"there is no file {drive_path}; give its path from here")
-    drive, point = load_drive(drive_path)
-    cases = read_cases(file.point, drive, point, path) if file.point else None
+    drive, runs = load_runs(drive_path)
+    point = runs.point
+    cases = (
+        read_cases(file.point, drive, point, path)
+        if file.point
+        else cases_of_duties(runs.duties, drive_path)
+    )
     known = cases.names if cases else ()
     objective = _objective(file, drive, point, known, path)
     variables = _variables(file, drive, path)

@@ -189,12 +189,14 @@ def without_friction(drive: Drive, point: OperatingPoint, maximum: bool) -> str 
     """Name of a pulley that has torque, the driver too, and no friction to hold it."""
 
     def turned(name: str) -> bool:
+        if name in point.load:
+            return True
         torque = concrete(point.torque.get(name, jnp.zeros(())))
         # One that is traced may be anything.
         return torque is None or bool(np.any(torque))
 
     alone = len(drive.pulleys) == 2 and maximum
-    driven = any(map(turned, point.torque))
+    driven = any(map(turned, point.names_of_takers))
     shared = [shaft for shaft in drive.shafts if len(shaft) > 1]
     for place, pulley in enumerate(drive.pulleys):
         drives = concrete(pulley.driver)
@@ -357,7 +359,7 @@ def contact_model(groups: ContactGroups, law: AbstractBeltLaw) -> physics.Contac
         together=groups.springs.together,
         floating=groups.springs.floating,
         first=groups.springs.first,
-        loads=groups.loads,
+        outside=groups.outside,
         motion=motion,
     )
 

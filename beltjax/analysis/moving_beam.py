@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
-from beltjax.analysis.steady import steady_state
+from beltjax.analysis.steady import SteadyState, steady_state
 from beltjax.compiling.quick import boundary_jit, usual_promotion
 from beltjax.drive.canonical import canonical
 from beltjax.drive.components import as_real, concrete
@@ -265,22 +265,47 @@ def _modes(eps: Scalar, v: Scalar, ends: Ends, count: int, method: Method) -> Mo
     return frozen_where_failed(modes, result)
 
 
-@boundary_jit
-def _span_frequencies(
-    drive: Drive, point: OperatingPoint, ends: Ends, count: int
-) -> SpanFrequencies:
-    steady = steady_state(drive, point, throw=False)
+class HeldSpans(NamedTuple):
+    """The spans of a running drive as moving beams; those of one that does not run are strings."""
+
+    bending: Float[Array, " spans"]
+    speed: Float[Array, " spans"]
+    unit: Float[Array, " spans"]  # of their frequencies [Hz]
+
+
+def held_spans(steady: SteadyState) -> HeldSpans:
+    """Each span of a running drive, taken alone between pulleys that do not vibrate."""
     groups = steady.groups
     # A single beam is scaled by its own length and tension P_i + T; Q is that tension less s^2.
     loops = groups.loops
     mass, speed = loops.spread(groups.masses), loops.spread(groups.speeds)
     root = jnp.sqrt(steady.effective_tensions + mass * speed**2)
-    eps = loops.spread(groups.bendings) / (groups.span_ratios * root)
-    v = speed * jnp.sqrt(mass) / root
     ran = succeeded(steady.result)
-    eps, v = jnp.where(ran, eps, 0.0), jnp.where(ran, v, 0.0)
+    return HeldSpans(
+        bending=jnp.where(ran, loops.spread(groups.bendings) / (groups.span_ratios * root), 0.0),
+        speed=jnp.where(ran, speed * jnp.sqrt(mass) / root, 0.0),
+        unit=root / (2.0 * jnp.pi * groups.span_ratios * steady.scales.time * jnp.sqrt(mass)),
+    )
+
+
+def lowest_of_spans(spans: HeldSpans) -> Float[Array, " spans"]:
+    """The lowest frequency [Hz] of each span, whose ends turn freely."""
+    ends = ("simple", "simple")
+
+    def lowest(eps: Scalar, v: Scalar) -> Scalar:
+        return _exact_frequencies(eps, v, ends, 1).omega[0]
+
+    return spans.unit * jax.vmap(lowest)(spans.bending, spans.speed)
+
+
+@boundary_jit
+def _span_frequencies(
+    drive: Drive, point: OperatingPoint, ends: Ends, count: int
+) -> SpanFrequencies:
+    steady = steady_state(drive, point, throw=False)
+    eps, v, unit = held_spans(steady)
+    ran = succeeded(steady.result)
     solved = jax.vmap(lambda eps, v: _exact_frequencies(eps, v, ends, count))(eps, v)
-    unit = root / (2.0 * jnp.pi * groups.span_ratios * steady.scales.time * jnp.sqrt(mass))
     result = RESULTS.where(
         ran & ~jnp.all(solved.converged), RESULTS.frequency_not_found, steady.result
     )

@@ -218,8 +218,8 @@ def steady_state(
     cannot keep every span tight, `belt_overstretched` (strain above a tenth), `tensioner_unstable`,
     `steady_state_not_found` or, of `Collocation`, `mesh_exhausted`. With `throw=False` read
     `.result`: a failed lane of a batch holds finite placeholders with zero derivatives, and does
-    not affect its neighbors. A success may carry a `.warning`: `belt_stiff_on_pulley` or
-    `tensioner_moves_far`.
+    not affect its neighbors. A success may carry a `.warning`: `belt_stiff_on_pulley`,
+    `tensioner_moves_far` or `load_outside_table`.
 
     Args:
         drive: the drive.
@@ -274,6 +274,9 @@ def _steady_state(drive: Drive, point: OperatingPoint, method: AbstractSteadyMet
     stiffness_ratios = reach / groups.radius_ratios
     stiff = runs & (jnp.max(stiffness_ratios) > STIFFEST)
     far = runs & jnp.any(jnp.abs(solved.q) > FARTHEST)
+    off = runs & jnp.any(made.driven.outside)
+    # A warning of loads costs nothing where there are none.
+    beyond = [(off, RESULTS.load_outside_table)] * bool(point.load)
     gained = groups.tensions - begin.resting.P + loops.spread(solved.T)
     gained = jnp.where(runs, gained, 0.0)
     change = loops.sums(gained) / jnp.asarray(loops.sizes)
@@ -302,7 +305,9 @@ def _steady_state(drive: Drive, point: OperatingPoint, method: AbstractSteadyMet
         error=solved.residual,
         result=result,
         warning=first_failure(
-            (stiff, RESULTS.belt_stiff_on_pulley), (far, RESULTS.tensioner_moves_far)
+            (stiff, RESULTS.belt_stiff_on_pulley),
+            (far, RESULTS.tensioner_moves_far),
+            *beyond,
         ),
         stats={"steps": solved.steps, "reference_steps": reference.stats["steps"]},
         method=method,

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import click
 
 import beltjax
-from beltjax.commands.running import keep_csv_path, prepare_jax
+from beltjax.commands.running import keep_csv_path, keep_xlsx_path, prepare_jax
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -81,10 +81,14 @@ json_option = click.option(
     "--json", "json_path", metavar="FILE", help="Write one JSON object; '-' for standard output."
 )
 si_option = click.option("--si", is_flag=True, help="Show SI units, not those of the file.")
-# Every command prints tables, so that each has this option without declaring it.
+# Every command prints tables, so that each has these options without declaring them.
 _csv_option = click.option(
     "--csv", metavar="FILE.csv", expose_value=False, callback=keep_csv_path,
     help="Write the tables that are printed.",
+)  # fmt: skip
+_xlsx_option = click.option(
+    "--xlsx", metavar="FILE.xlsx", expose_value=False, callback=keep_xlsx_path,
+    help="Write the tables that are printed as a workbook.",
 )  # fmt: skip
 figure_option = click.option("--figure", metavar="FILE.png", help="Write a picture.")
 quantity_option = click.option(
@@ -129,7 +133,7 @@ def command(
     """
 
     def register(function: Callable[..., None]) -> click.Command:
-        made = group.command()(_csv_option(function))
+        made = group.command()(_csv_option(_xlsx_option(function)))
         _REGISTERED[str(made.name)] = RegisteredCommand(made, document)
         return made
 

@@ -4,6 +4,7 @@ Nothing that is slow to load is imported before the arguments are checked.
 """
 
 import contextlib
+import importlib.util
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
     from beltjax.commands.reports.report import Report
 
 INVALID, FAILED = 1, 2  # exit statuses
-_CSV = "beltjax.csv"  # in a command's context
+_CSV, _XLSX = "beltjax.csv", "beltjax.xlsx"  # in a command's context
 PICTURES = (".png", ".pdf", ".svg")
 
 Advance = Callable[[str, int, int | None], None]  # is called with stage, done and total
@@ -35,23 +36,32 @@ def answer(
     """Check a command's files, do its work and write what it reports.
 
     `read` is the file that the command reads; `json`, `written` and `pictures` are files that it
-    writes, None where they are not wanted, and so is the one that the option --csv names;
+    writes, None where they are not wanted, and so are those that --csv and --xlsx name;
     `resumed` is a path that may hold an earlier run. With `busy`, a text, a moving sign is shown in
     place of a bar of progress.
     """
-    csv = click.get_current_context().meta.get(_CSV)
-    _check_outputs(read, json, csv, *written, *pictures, resumed=resumed)
+    meta = click.get_current_context().meta
+    csv, xlsx = meta.get(_CSV), meta.get(_XLSX)
+    if xlsx is not None and importlib.util.find_spec("openpyxl") is None:
+        message = "openpyxl is not installed: pip install 'beltjax[xlsx]', or give --csv"
+        raise click.ClickException(f"--xlsx: {message}")
+    _check_outputs(read, json, csv, xlsx, *written, *pictures, resumed=resumed)
     for path in pictures:
         _check_picture(path)
     prepare_jax()
     with _sign(f"{busy}; the first run on a machine compiles") if busy else _bar() as advance:
         report = work(advance)
-    _finish(report, json, csv)
+    _finish(report, json, csv, xlsx)
 
 
 def keep_csv_path(context: click.Context, parameter: click.Parameter, path: str | None) -> None:
     """Keep the path of the option --csv, which all commands have, for `answer`."""
     context.meta[_CSV] = path
+
+
+def keep_xlsx_path(context: click.Context, parameter: click.Parameter, path: str | None) -> None:
+    """Likewise of the option --xlsx."""
+    context.meta[_XLSX] = path
 
 
 def leave(message: str, status: int) -> NoReturn:
@@ -151,12 +161,14 @@ def _bar() -> Iterator[Advance]:
         yield advance
 
 
-def _finish(report: "Report", json_path: str | None, csv_path: str | None) -> None:
+def _finish(
+    report: "Report", json_path: str | None, csv_path: str | None, xlsx_path: str | None
+) -> None:
     """Write the files, print the tables or the JSON, and leave with the right status."""
     from rich.console import Console
 
     from beltjax.commands.reports.documents import complete, json_bytes, json_text
-    from beltjax.commands.reports.tables import csv_bytes
+    from beltjax.commands.reports.tables import csv_bytes, xlsx_bytes
     from beltjax.files.writing import write_together
 
     document = complete(report.document)
@@ -165,6 +177,8 @@ def _finish(report: "Report", json_path: str | None, csv_path: str | None) -> No
         files.append((json_path, json_bytes(document)))
     if csv_path:
         files.append((csv_path, csv_bytes(report.tables)))
+    if xlsx_path:
+        files.append((xlsx_path, xlsx_bytes(report.tables)))
     try:
         write_together(files)
     except OSError as error:

@@ -52,16 +52,18 @@ def canonical_drive(drive: Drive) -> Drive:
 def canonical(drive: Drive, point: OperatingPoint) -> tuple[Drive, OperatingPoint]:
     """`drive` and `point` as compiled programs take them.
 
-    Every pulley has a torque, 0 where none is given. The excitation is left out: it concerns forced
-    vibration alone, which takes it as an argument of its own. Raises `KeyError` for a torque on a
-    pulley that the drive does not have.
+    Every pulley has a torque, 0 where none is given; the pulleys that have a load are structure.
+    The excitation is left out: it concerns forced vibration alone, which takes it as an argument of
+    its own. Raises `KeyError` for a torque or a load on a pulley that the drive does not have.
     """
-    for name in point.torque:
+    for name in point.names_of_takers:
         drive.pulley(name)
     torque = {
         canonical_name(i): point.torque.get(name, 0.0) for i, name in enumerate(drive.pulley_names)
     }
-    point = dataclasses.replace(jax.tree.map(as_real, point), torque=torque, excitation=None)
+    real = jax.tree.map(as_real, point)
+    load = {canonical_name(drive.pulley(name)): one for name, one in real.load.items()}
+    point = dataclasses.replace(real, torque=torque, load=load, excitation=None)
     return canonical_drive(drive), point
 
 
@@ -75,7 +77,8 @@ def restored(
     of_drive, of_point = numbers
     named = jax.tree.unflatten(jax.tree.structure(drive), jax.tree.leaves(of_drive))
     torque = {name: of_point.torque[canonical_name(drive.pulley(name))] for name in point.torque}
-    return named, dataclasses.replace(of_point, torque=torque)
+    load = {name: of_point.load[canonical_name(drive.pulley(name))] for name in point.load}
+    return named, dataclasses.replace(of_point, torque=torque, load=load)
 
 
 @functools.lru_cache(maxsize=256)

@@ -14,6 +14,7 @@ from beltjax.drive.file_tables import (
     ExcitationTable,
     IsolatorTable,
     LinearTable,
+    LoadTable,
     ModelTable,
     OperationTable,
     PulleyTable,
@@ -36,6 +37,7 @@ _TABLES: dict[str, tuple[type[Table], ...]] = {
     "dampers": (DamperTable,),
     "installation": (RuleTable,),
     "operation": (OperationTable,),
+    "load": (LoadTable,),
     "excitation": (ExcitationTable,),
 }
 _KINDS = {RotaryTable: "rotary", LinearTable: "linear", TwinArmTable: "twin-arm"}

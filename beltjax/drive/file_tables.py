@@ -11,9 +11,17 @@ from pydantic_core import PydanticCustomError
 
 from beltjax.drive.components import ArmSpring, Belt, Damper, Isolator, Pulley, Tensioner
 from beltjax.drive.installation import BeltGiven, TensionGiven
+from beltjax.drive.loads import Load
 from beltjax.drive.operation import ExcitationGiven, OperatingPoint
 from beltjax.drive.system import Drive
-from beltjax.files.tables import Table, meaning, meaning_of, numbers_of, valid
+from beltjax.files.tables import (
+    Table,
+    meaning,
+    meaning_of,
+    numbers_of,
+    valid,
+    valid_one_or_more,
+)
 from beltjax.files.units import shown, to_si
 
 Two = Field(min_length=2, max_length=2)
@@ -284,6 +292,21 @@ class RuleTable(Table):
     ] = None
 
 
+@numbers_of(Load, only=("drag",))
+class LoadTable(Table):
+    """[operation.load.NAME]."""
+
+    power: Annotated[
+        float | list[float] | None, valid_one_or_more(Load, "power"), meaning_of(Load, "power")
+    ] = None
+    speed: Annotated[
+        float | list[float] | None, valid_one_or_more(Load, "speed"), meaning_of(Load, "speed")
+    ] = None
+    torque: Annotated[
+        float | list[float] | None, valid_one_or_more(Load, "torque"), meaning_of(Load, "torque")
+    ] = None
+
+
 @numbers_of(OperatingPoint, without=("torque",))
 class OperationTable(Table):
     """[operation]."""
@@ -300,6 +323,17 @@ class OperationTable(Table):
         Field(default_factory=dict),
         meaning_of(OperatingPoint, "torque"),
     ]
+    load: Annotated[
+        dict[str, LoadTable],
+        Field(default_factory=dict),
+        meaning("tables by pulley's name: what it takes as power, or over its speed"),
+    ]
+
+
+class DutyTable(OperationTable):
+    """[[duty]]; what it leaves out is that of [operation]."""
+
+    name: Annotated[str, meaning("of its own")]
 
 
 @numbers_of(ExcitationGiven, without=("torque",))
@@ -385,7 +419,8 @@ class DriveTable(Table):
     isolator: Annotated[list[IsolatorTable], Field(default_factory=list)]
     damper: Annotated[list[DamperTable], Field(default_factory=list)]
     installation: Annotated[RuleTable, Field(default_factory=RuleTable)]
-    operation: OperationTable
+    operation: OperationTable | None = None
+    duty: Annotated[list[DutyTable], Field(default_factory=list)]
     excitation: ExcitationTable | None = None
     model: Annotated[ModelTable, Field(default_factory=ModelTable)]
 

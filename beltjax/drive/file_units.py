@@ -46,6 +46,10 @@ def _keys(words: tuple[str, ...], content: dict[str, Any]) -> list[str]:
         return _keys_of_twin(words)
     if words[:2] == ("installation", "until"):
         return ["installation.until"]
+    if words[0] == "duty":  # a number of the operation
+        words = ("operation", *words[2:])
+    if words[:2] == ("operation", "load"):
+        return [".".join(words[:4])]  # a list has the unit of its items
     if words[0] == "pulley" and words[-1] in DIAMETERS:
         words = (*words[:-1], "radius")
     if words[-1] in ("0", "1"):

@@ -2,13 +2,14 @@
 
 import dataclasses
 import os
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import tomli_w
 
 from beltjax.drive.buildable import require_possible_layout
-from beltjax.drive.components import TRAVELS, ArmSpring, Model, Tensioner, as_real
+from beltjax.drive.components import ArmSpring, Model, Tensioner, as_real
 from beltjax.drive.file_bodies import (
     BodiesOfFile,
     between,
@@ -17,6 +18,14 @@ from beltjax.drive.file_bodies import (
     require_one_arm,
 )
 from beltjax.drive.file_makers_data import in_terms_of_the_drive
+from beltjax.drive.file_operation import (
+    OPERATION,
+    Runs,
+    duties_content,
+    excitation_content,
+    operation_content,
+    read_operation,
+)
 from beltjax.drive.file_origin import near_the_origin
 from beltjax.drive.file_preloads import springs_as_positions
 from beltjax.drive.file_pulleys import (
@@ -25,17 +34,15 @@ from beltjax.drive.file_pulleys import (
     dampers_of,
     isolators_of,
     listed_content,
-    numbers_content,
     pulleys_content,
     pulleys_of,
     read_listed,
-    word,
 )
 from beltjax.drive.file_rules import installation_content, read_installation
-from beltjax.drive.file_tables import DriveTable, ModelTable, OperationTable
+from beltjax.drive.file_tables import DriveTable, ModelTable
 from beltjax.drive.file_units import units_used
 from beltjax.drive.numbers import SPEEDS
-from beltjax.drive.operation import ExcitationGiven, OperatingPoint
+from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.preloaded import require_tension
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
@@ -67,7 +74,38 @@ def load_drive(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint]:
         >>> drive, point = bj.load_drive("examples/three_pulley.toml")
         >>> drive.pulley_names
     """
+    drive, runs = load_runs(path)
+    return drive, runs.point
+
+
+def load_runs(path: str | os.PathLike[str]) -> tuple[Drive, Runs]:
+    """The drive of a file, its operating point and its duties; raises as `load_drive` does."""
     return _described(_content(path), path)
+
+
+def load_duties(path: str | os.PathLike[str]) -> tuple[Drive, dict[str, OperatingPoint]]:
+    """The drive that a TOML file describes, and every duty for which the file gives a table.
+
+    What a duty does not state is that of [operation]. Each is an operating point like that of
+    `load_drive`, and all analyses take it.
+
+    Args:
+        path: the drive file.
+
+    Returns:
+        The drive, and the operating points by the duties' names, in the order of the file; that
+        of [operation], by the name "operation", where the file has no duty.
+
+    Raises:
+        FileError: as `load_drive` does.
+        RuntimeError: JAX is in single precision.
+
+    Examples:
+        >>> drive, duties = bj.load_duties("examples/three_pulley.toml")
+        >>> {name: bj.steady_state(drive, point) for name, point in duties.items()}
+    """
+    drive, runs = load_runs(path)
+    return drive, runs.duties or {OPERATION: runs.point}
 
 
 def load_geometry(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint, bool]:
@@ -93,7 +131,9 @@ def load_geometry(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint, 
     content = springs_as_positions(near, path)
     if any(origin):
         content = content | {"origin": list(origin)}
-    return *_described(_with_stand_ins(content, given), path), given
+    given = given or "duty" in content  # of which each has a speed
+    drive, runs = _described(_with_stand_ins(content, given), path)
+    return drive, runs.point, given
 
 
 def _content(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -126,18 +166,15 @@ def _filled(tables: Any, numbers: dict[str, float]) -> Any:
     return numbers | tables if isinstance(tables, dict) else tables
 
 
-def _described(
-    content: dict[str, Any], path: str | os.PathLike[str]
-) -> tuple[Drive, OperatingPoint]:
-    """The drive and the operating point of a file's content."""
+def _described(content: dict[str, Any], path: str | os.PathLike[str]) -> tuple[Drive, Runs]:
+    """The drive of a file's content, and how it runs."""
     require_one_arm(content, path)
     near, origin = near_the_origin(content)
     plain = springs_as_positions(in_terms_of_the_drive(near, path), path)
     file = validated(DriveTable, plain, path)
     wheels = Wheels(file, path)
     of = read_bodies(file, wheels.shafts, path)
-    _require_operation(file.operation, path)
-    _require_torques(file, wheels, path)
+    runs = read_operation(file, wheels, path)
     listed = read_listed(file, path)
     drive = Drive(
         belts=belts_of(file),
@@ -153,12 +190,17 @@ def _described(
         origin=origin if file.origin is None else (file.origin[0], file.origin[1]),
     )
     drive = dataclasses.replace(drive, units=units_used(content, drive))
-    drive, point = require_possible_layout(drive, listed, path), _operating_point(file)
-    require_tension(drive, point, path)
-    return drive, point
+    drive = require_possible_layout(drive, listed, path)
+    require_tension(drive, runs.point, path)
+    return drive, runs
 
 
-def save_drive(path: str | os.PathLike[str], drive: Drive, point: OperatingPoint) -> None:
+def save_drive(
+    path: str | os.PathLike[str],
+    drive: Drive,
+    point: OperatingPoint,
+    duties: Mapping[str, OperatingPoint] | None = None,
+) -> None:
     """Write a drive file from which `load_drive` restores every number exactly.
 
     All numbers are SI; those without effect, such as the pivot of a slide, are left out. The file
@@ -169,22 +211,26 @@ def save_drive(path: str | os.PathLike[str], drive: Drive, point: OperatingPoint
         path: the file to write.
         drive: the drive.
         point: its operating point.
+        duties: its duties by their names, as `load_duties` gives them.
 
     Raises:
         ValueError: no file can describe the drive.
         OSError: the file cannot be written.
     """
-    write_whole(path, drive_bytes(drive, point))
+    write_whole(path, drive_bytes(drive, point, duties))
 
 
-def drive_bytes(drive: Drive, point: OperatingPoint) -> bytes:
+def drive_bytes(
+    drive: Drive, point: OperatingPoint, duties: Mapping[str, OperatingPoint] | None = None
+) -> bytes:
     """The content of the file that `save_drive` writes."""
-    return tomli_w.dumps(drive_content(drive, point)).encode()
+    return tomli_w.dumps(drive_content(drive, point, duties)).encode()
 
 
-def drive_content(drive: Drive, point: OperatingPoint) -> dict[str, Any]:
+def drive_content(
+    drive: Drive, point: OperatingPoint, duties: Mapping[str, OperatingPoint] | None = None
+) -> dict[str, Any]:
     """A drive file as nested dictionaries of plain numbers, absent keys left out."""
-    shaken = point.excitation
     content = {
         "schema": drive.model.schema,
         "name": drive.name,
@@ -195,20 +241,11 @@ def drive_content(drive: Drive, point: OperatingPoint) -> dict[str, Any]:
         "origin": list(drive.origin) if any(drive.origin) else None,
         "gravity": None if drive.gravity is None else np.asarray(drive.gravity).tolist(),
         "installation": installation_content(drive) or None,
-        "operation": numbers_content(point)
-        | {
-            "travel": word(TRAVELS, point.travel),
-            "torque": _by_name(point.torque),
-        },
-        "excitation": None
-        if shaken is None
-        else numbers_content(shaken) | {"torque": _by_name(shaken.torque)},
+        "operation": operation_content(point),
+        "duty": duties_content(point, duties or {}) or None,
+        "excitation": excitation_content(point),
     }
     return {key: value for key, value in content.items() if value is not None}
-
-
-def _by_name(numbers: dict[str, Any]) -> dict[str, float]:
-    return {name: float(value) for name, value in numbers.items()}
 
 
 def _tensioners(of: BodiesOfFile) -> list[Tensioner]:
@@ -243,35 +280,3 @@ def _model_content(model: Model) -> dict[str, bool]:
     """The terms of the model that a file must give: those that differ from its schema's default."""
     flags = {name: bool(np.asarray(getattr(model, name))) for name in _TERMS}
     return {name: flag for name, flag in flags.items() if flag != (model.schema == 2)}
-
-
-def _operating_point(file: DriveTable) -> OperatingPoint:
-    shaken = file.excitation and ExcitationGiven(**file.excitation.model_dump())
-    return OperatingPoint(**file.operation.model_dump(), excitation=shaken)
-
-
-def _require_torques(file: DriveTable, wheels: Wheels, path: object) -> None:
-    driving = wheels.shaft(wheels.driver)
-    for name, value in file.operation.torque.items():
-        key = f"operation.torque.{name}"
-        wheels.require_known(name, key, path)
-        if value and name == wheels.driver:
-            raise FileError(path, key, "the driver balances the other torques; remove this one")
-        if value and name in driving:
-            message = "is on the driver's shaft, which balances the other torques; remove this one"
-            raise FileError(path, key, message)
-    for name in file.excitation.torque if file.excitation else ():
-        key = f"excitation.torque.{name}"
-        wheels.require_known(name, key, path)
-        if name in driving:
-            raise FileError(path, key, "the driver's motion is given; use excitation.crank")
-
-
-def _require_operation(operation: OperationTable, path: object) -> None:
-    key = "operation"
-    belt_speed, driver_speed = operation.number("belt_speed"), operation.number("driver_speed")
-    if (belt_speed is None) == (driver_speed is None):
-        found = "neither" if belt_speed is None else "both"
-        raise FileError(path, key, f"found {found} of belt_speed and driver_speed; give one")
-    if operation.number("mass_flow") is not None and driver_speed is None:
-        raise FileError(path, f"{key}.mass_flow", "goes with driver_speed; give that instead")

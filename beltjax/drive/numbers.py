@@ -20,11 +20,14 @@ from beltjax.drive.canonical import canonical_drive
 from beltjax.drive.components import KINDS, ArmSpring, Belt, Tensioner, concrete
 from beltjax.drive.installation import BeltGiven
 from beltjax.drive.layout import turned
+from beltjax.drive.loads import Load
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.files.fields import Number, numbers
 
 TORQUE = "operation.torque."
+LOAD = "operation.load."
+OF_LOADS = ("power", "drag")  # numbers of a load that are single, and not of a table
 SPEEDS = ("operation.belt_speed", "operation.driver_speed")
 _ANGLE, _ARM_LENGTH = ".angle", ".arm_length"
 # Numbers that describe an arm's pivot once more, as a designer changes it.
@@ -252,7 +255,7 @@ def require_number(drive: Drive, name: str) -> None:
 def require_numbers(drive: Drive, names: Sequence[str]) -> None:
     """Raise `ValueError` unless all `names` are numbers of this drive that may be set together."""
     own = number_names(drive)
-    known, seen = {*own, *_by_key(drive)}, set()
+    known, seen = {*own, *_by_key(drive), *_load_keys(_takers(drive))}, set()
     for name in names:
         key = full_key(drive, name)
         if key not in known:
@@ -274,6 +277,8 @@ def fact_of(drive: Drive, name: str) -> tuple[Number, str | None]:
     key = full_key(drive, name)
     if key in _arm_keys(drive):
         return next(fact for end, fact in _OF_ARMS.items() if key.endswith(end)), None
+    if key.startswith(LOAD):
+        return numbers(Load)[key.rpartition(".")[2]], None
     if key.startswith("operation."):
         field = "torque" if key.startswith(TORQUE) else key.removeprefix("operation.")
         return numbers(OperatingPoint)[field], None
@@ -301,7 +306,12 @@ def unit_of(drive: Drive, name: str) -> str:
 def known_keys(drive: Drive) -> set[str]:
     """Keys of all numbers that may be set."""
     torques = [TORQUE + name for name in drive.pulley_names]
-    return {*_by_key(drive), *_arm_keys(drive), *SPEEDS, *torques}
+    loads = _load_keys(drive.pulley_names, tuple(numbers(Load)))
+    return {*_by_key(drive), *_arm_keys(drive), *SPEEDS, *torques, *loads}
+
+
+def _load_keys(pulleys: Sequence[str], fields: Sequence[str] = OF_LOADS) -> list[str]:
+    return [f"{LOAD}{name}.{field}" for name in pulleys for field in fields]
 
 
 def canonical_key(drive: Drive, name: str) -> str:
@@ -310,7 +320,9 @@ def canonical_key(drive: Drive, name: str) -> str:
     pairs = [*zip(_arm_keys(drive), _arm_keys(there), strict=True)]
     pairs += zip(_by_key(drive), _by_key(there), strict=True)
     torques = [[TORQUE + pulley for pulley in d.pulley_names] for d in (drive, there)]
-    return dict([*pairs, *zip(*torques, strict=True)]).get(key, key)
+    loads = [_load_keys(d.pulley_names) for d in (drive, there)]
+    pairs += [*zip(*torques, strict=True), *zip(*loads, strict=True)]
+    return dict(pairs).get(key, key)
 
 
 def with_number(drive: Drive, point: OperatingPoint, name: str, value: Float[Array, ""]) -> Numbers:
@@ -323,18 +335,35 @@ def with_numbers(
 ) -> Numbers:
     """The drive and its operating point with some numbers set [SI], as `with_values` sets them.
 
-    A speed replaces the other one.
+    A speed replaces the other one, and the power of a load its table.
     """
     values = {full_key(drive, name): value for name, value in values.items()}
     for name, value in values.items():
         if name.startswith(TORQUE):
             torque = point.torque | {name.removeprefix(TORQUE): value}
             point = dataclasses.replace(point, torque=torque)
+        elif name.startswith(LOAD):
+            pulley, field = _of_load(name)
+            load = point.load | {pulley: _with_load(point.load.get(pulley), field, value)}
+            point = dataclasses.replace(point, load=load)
         elif name in SPEEDS:
             chosen = {"belt_speed": None, "driver_speed": None, name.split(".")[1]: value}
             point = dataclasses.replace(point, **chosen)
     of_drive = {name: x for name, x in values.items() if not name.startswith("operation.")}
     return with_values(drive, of_drive), point
+
+
+def _of_load(name: str) -> tuple[str, str]:
+    """The pulley and the field of a key of a load."""
+    pulley, _, field = name.removeprefix(LOAD).rpartition(".")
+    return pulley, field
+
+
+def _with_load(load: Load | None, field: str, value: Any) -> Load:
+    drag = None if load is None else load.drag
+    if field == "power":
+        return Load(power=value, drag=drag)
+    return Load(drag=value) if load is None else dataclasses.replace(load, drag=value)
 
 
 def with_values(drive: Drive, values: Mapping[str, Float[Array, ""]]) -> Drive:
@@ -404,6 +433,10 @@ def number_value(drive: Drive, point: OperatingPoint, name: str) -> Float[Array,
     """The value of a number [SI], with which `with_number` changes nothing."""
     if name.startswith(TORQUE):
         return point.torque.get(name.removeprefix(TORQUE), jnp.zeros(()))
+    if name.startswith(LOAD):
+        pulley, field = _of_load(name)
+        value = getattr(point.load.get(pulley), field, None)
+        return jnp.zeros(()) if value is None or value.ndim else value
     if name in SPEEDS:
         speed = point.speed(drive)
         return speed if name == SPEEDS[0] else speed / (drive.drives @ drive.radii)
@@ -423,6 +456,10 @@ def named_numbers(
     for name in numbers(OperatingPoint):
         if name != "torque" and getattr(running, name) is not None:
             found[f"operation.{name}"] = getattr(point, name)
+    for name, load in running.load.items():
+        for field in numbers(Load):
+            if getattr(load, field) is not None:
+                found[f"{LOAD}{name}.{field}"] = getattr(point.load[name], field)
     return found | {TORQUE + name: point.torque[name] for name in running.torque}
 
 

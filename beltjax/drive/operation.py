@@ -6,6 +6,7 @@ import equinox as eqx
 from jaxtyping import Array, Float
 
 from beltjax.drive.components import TRAVELS, as_optional, as_real, as_travel
+from beltjax.drive.loads import Load
 from beltjax.drive.readable import Readable
 from beltjax.drive.shafts import transmission
 from beltjax.drive.system import Drive
@@ -38,11 +39,11 @@ class ExcitationGiven(Readable):
 class OperatingPoint(Readable):
     """How the drive runs: its speed, and the torque that each accessory takes from the belt.
 
-    Give `belt_speed`, or `driver_speed` from which it follows. `mass_flow` replaces the
-    belt's mass per length in contact mechanics. The driver balances the torques; a torque given for
-    the driver is ignored, so that batches may mix which pulley drives (a drive file refuses it).
-    `excitation` concerns forced vibration alone. Raises `ValueError` unless exactly one of the two
-    speeds is given.
+    Give `belt_speed`, or `driver_speed` from which it follows. What `torque` and `load` give for
+    one pulley adds up. `mass_flow` replaces the belt's mass per length in contact mechanics. The
+    driver balances the torques; a torque or load given for the driver is ignored, so that batches
+    may mix which pulley drives (a drive file refuses it). `excitation` concerns forced vibration
+    alone. Raises `ValueError` unless exactly one of the two speeds is given.
     """
 
     words: ClassVar = {"travel": TRAVELS}
@@ -69,6 +70,8 @@ class OperatingPoint(Readable):
         default_factory=dict,
         metadata=number("N m", "taken from the belt, by pulley's name"),
     )
+    # By pulley's name, what depends on speed: it follows the speed in sweeps and derivatives.
+    load: dict[str, Load] = eqx.field(converter=dict, default_factory=dict)
     travel: Float[Array, ""] = eqx.field(converter=as_travel, default="listed")
     excitation: ExcitationGiven | None = None
 
@@ -83,9 +86,15 @@ class OperatingPoint(Readable):
         assert self.driver_speed is not None  # as __check_init__ holds
         return self.driver_speed * (drive.drives @ drive.radii)
 
+    @property
+    def names_of_takers(self) -> tuple[str, ...]:
+        """Names of the pulleys for which a torque or a load is given."""
+        return tuple(dict.fromkeys([*self.torque, *self.load]))
+
     def torques(self, drive: Drive) -> Float[Array, " pulleys"]:
         """Torque [N m] that each pulley takes from its belt; the driver balances the others.
 
-        Raises `KeyError` for a torque on a pulley that the drive does not have.
+        Loads are those at this speed. Raises `KeyError` for a torque or a load on a pulley that the
+        drive does not have.
         """
         return transmission(drive, self).torques

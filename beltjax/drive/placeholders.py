@@ -11,13 +11,14 @@ from beltjax.drive.bodies import bodies, springs
 from beltjax.drive.components import NO_STOPS
 from beltjax.drive.installation import Preloaded, TensionGiven
 from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.shafts import transmission
 from beltjax.drive.system import Drive
 
 Numbers = tuple[Drive, OperatingPoint]
 
 
 def numbers_are_usable(drive: Drive, point: OperatingPoint) -> Bool[Array, ""]:
-    """Whether all numbers are finite, and all that must be positive are."""
+    """Whether all numbers are finite, all that must be positive are, and power has a speed."""
     rule = drive.installation
     positive: list[Any] = [drive.radii]
     positive += [belt.axial_stiffness for belt in drive.belts]
@@ -38,6 +39,8 @@ def numbers_are_usable(drive: Drive, point: OperatingPoint) -> Bool[Array, ""]:
     least = jnp.min(jnp.concatenate([jnp.ravel(number) for number in positive]))
     floor = jnp.min(jnp.stack(not_negative))
     good = jnp.all(jnp.isfinite(jnp.concatenate(finite))) & (least > 0) & (floor >= 0)
+    if point.load:
+        good = good & ~jnp.any(transmission(drive, point).at_standstill)
     if drive.tensioners:
         of = bodies(drive)
         good = good & jnp.all(of.stops[:, 0] <= of.stops[:, 1])

@@ -132,7 +132,10 @@ def _rows(module: Readable) -> Iterator[tuple[str, str, str]]:
             continue
         if isinstance(value, dict):
             for key, item in value.items():
-                yield f"{name} {key}", *_told(item, module.unit_of_row(name, key))
+                if isinstance(item, Readable):
+                    yield f"{name} {key}", ", ".join(_inline(item, module)), ""
+                else:
+                    yield f"{name} {key}", *_told(item, module.unit_of_row(name, key))
             continue
         for part in _parts(value):
             if isinstance(part, Readable) and _is_of_drive(part) and _is_of_drive(module):

@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from beltjax.drive.components import Damper, Isolator
+from beltjax.drive.loads import Taken
 from beltjax.drive.system import Drive
 
 if TYPE_CHECKING:
@@ -22,6 +23,9 @@ class Transmission(NamedTuple):
     torques: Float[Array, " pulleys"]  # taken from that belt [N m]
     turning: Float[Array, " pulleys"]  # +1 where the pulley turns counterclockwise, -1 clockwise
     gives: Float[Array, " pulleys"]  # 1 for the pulley that gives its belt what the others take
+    given: Float[Array, " pulleys"]  # torque that the point gives each pulley itself [N m]
+    outside: Bool[Array, " pulleys"]  # whether the speed lies outside of the table of its load
+    at_standstill: Bool[Array, " pulleys"]  # whether a load takes power where nothing turns
     # Speed of a belt at that pulley as a sum of this times the speeds at other pulleys, along the
     # list; a row of zeros for the belt of the driver.
     gearing: Float[Array, "belts pulleys"]
@@ -32,10 +36,10 @@ def transmission(drive: Drive, point: "OperatingPoint") -> Transmission:
 
     Shafts and belts form a tree. On each belt the pulley nearest to the driver gives what the
     others take; on each shaft but the driver's the pulley nearest to the driver takes what the
-    shaft's accessories and its other belts need. Raises `KeyError` for a torque on an unknown
-    pulley.
+    shaft's accessories and its other belts need. Raises `KeyError` for a torque or a load on an
+    unknown pulley.
     """
-    for name in point.torque:
+    for name in point.names_of_takers:
         drive.pulley(name)
     count, radii, drives = len(drive.pulleys), drive.radii, drive.drives
     of_belt, on_shaft = drive.loops.members, _on_shaft(drive)
@@ -57,22 +61,39 @@ def transmission(drive: Drive, point: "OperatingPoint") -> Transmission:
         near, gearing = near + next_near, gearing + turned
         ratio = ratio + of_belt.T @ (turned @ ratio)
         reached = jnp.minimum(reached + of_belt.T @ (of_belt @ next_near), 1.0)
-    given = jnp.stack([point.torque.get(name, jnp.zeros(())) for name in drive.pulley_names])
-    given = together @ given
+    speeds = jnp.abs(ratio) * point.speed(drive)
+    given, outside, at_standstill = _given(drive, point, speeds / radii)
+    on_its_shaft = together @ given
     torques: Float[Array, " pulleys"] = jnp.zeros(count)
     for _ in drive.belts:
         passed = together @ (near * torques)
-        taken = (1 - near) * (given - passed)
+        taken = (1 - near) * (on_its_shaft - passed)
         torques = jnp.asarray(taken) - near * radii * (of_belt.T @ (of_belt @ (taken / radii)))
     travel = jax.lax.stop_gradient(jnp.sign(ratio))
     return Transmission(
-        speeds=jnp.abs(ratio) * point.speed(drive),
+        speeds=speeds,
         travel=travel,
         torques=torques,
         turning=travel * left,
         gives=jnp.asarray(near),
+        given=given,
+        outside=outside & (driving == 0),
+        at_standstill=at_standstill & (driving == 0),
         gearing=gearing,
     )
+
+
+def _given(drive: Drive, point: "OperatingPoint", turning: Float[Array, " pulleys"]) -> Taken:
+    """What torques and loads ask of each pulley, which turns at these speeds [rad/s]."""
+    zero, no = jnp.zeros(()), jnp.array(False)
+    torque = [point.torque.get(name, zero) for name in drive.pulley_names]
+    outside, at_standstill = [no] * len(torque), [no] * len(torque)
+    for name, load in point.load.items():
+        k = drive.pulley(name)
+        taken = load.at(turning[k])
+        torque[k] = torque[k] + taken.torque
+        outside[k], at_standstill[k] = taken.outside, taken.at_standstill
+    return Taken(*(jnp.stack(each) for each in (torque, outside, at_standstill)))
 
 
 def _on_shaft(drive: Drive) -> Float[np.ndarray, "shafts pulleys"]:

@@ -22,7 +22,7 @@ _FOREIGN_KEYS = {
     "position": "give center = [x, y]",
     "rpm": 'give driver_speed = "... rpm"',
     "speed": "give belt_speed, or driver_speed from which it follows",
-    "power": "give torque: power over the pulley's speed in rad/s",
+    "power": "give it in [operation.load.NAME], NAME being the pulley that takes it",
     "length": "give belt_length",
     "width": "axial_stiffness, bending_stiffness and mass_per_length are those of the whole width",
     "density": "give mass_per_length: density times cross section",
@@ -59,6 +59,26 @@ def valid(owner: type, field: str, kind: str | None = None) -> BeforeValidator:
             return checked(value, number, kind)
         except ValueError as error:
             raise PydanticCustomError("unit", "{text}", {"text": str(error)}) from error
+
+    return BeforeValidator(convert)
+
+
+def valid_one_or_more(owner: type, field: str) -> BeforeValidator:
+    """`valid`, for a field that holds one number or a list of them."""
+    number = numbers(owner)[field]
+
+    def convert(value: Any) -> float | list[float]:
+        place = ""
+        try:
+            if not isinstance(value, list):
+                return checked(value, number)
+            found = []
+            for k, item in enumerate(value, start=1):
+                place = f"item {k}: "
+                found.append(checked(item, number))
+            return found
+        except ValueError as error:
+            raise PydanticCustomError("unit", "{text}", {"text": f"{place}{error}"}) from error
 
     return BeforeValidator(convert)
 
@@ -178,8 +198,7 @@ def _message(error: Any, table: type[Table]) -> str:
         word = str(error["loc"][-1])
         known = _all_keys(table)
         if word in _FOREIGN_KEYS:
-            lead = "is not a key of this table" if word in known else "is not a known key"
-            return f"{lead}; {_FOREIGN_KEYS[word]}"
+            return f"is not a known key; {_FOREIGN_KEYS[word]}"
         if word in known:
             return "is not a key of this table; remove it"
         close = difflib.get_close_matches(word, sorted(known), n=1)

@@ -47,7 +47,8 @@ _DEFINITIONS = (
 _HINTS = (
     ("N", "kg", "that is a mass; a force is in N, lbf or kgf"),
     ("N m", "kg m", 'that is a mass times a length; write a force for the mass, as in "1 lbf in"'),
-    ("N m", "W", "that is a power; give the torque: power over the pulley's speed in rad/s"),
+    ("N m", "W", "that is a power; what a pulley takes is power in [operation.load.NAME]"),
+    ("W", "N m", "that is a torque; what holds at any speed is operation.torque.NAME"),
     ("N m", "N", "that is a force; times its arm it is a torque"),
     ("N", "Pa", "that is a modulus; times the belt's cross section it is a stiffness in N"),
     ("N m^2", "Pa", "that is a modulus; times the second moment of area it is a stiffness"),

@@ -10,16 +10,22 @@ import pytest
 from drives import example
 
 import beltjax as bj
-from beltjax.commands.reports.warnings import response_warnings, steady_warnings, sweep_warnings
+from beltjax.commands.reports.warnings import (
+    load_warnings,
+    range_warnings,
+    response_warnings,
+    steady_warnings,
+    sweep_warnings,
+)
 
 RATIOS = np.array([[0.05, 0.1, 0.14], [0.05, 0.1, 0.2], [0.3, np.nan, np.nan]])
 
 
 @pytest.mark.parametrize(("good", "stiff"), [([1, 0, 0], []), ([1, 1, 0], ["accessory (0.2)"])])
 def test_a_sweep_warns_of_the_belt_that_is_stiff_at_one_of_its_values(good, stiff):
-    drive, _ = example("three_pulley")
+    drive, point = example("three_pulley")
     found = SimpleNamespace(stiffness_ratios=RATIOS, good=np.array(good, bool))
-    warned = sweep_warnings(drive, found)
+    warned = sweep_warnings(drive, point, found)
     assert [one["code"] for one in warned] == ["belt_stiff_on_pulley"] * len(stiff)
     for name in stiff:
         assert f"stiff for {name}: sqrt(EI/T)/radius is above 0.15" in warned[0]["text"]
@@ -52,7 +58,7 @@ def test_tensions_above_the_maker_s_limit_are_named():
 
     def above(drive):
         code = "tension_above_allowable"
-        return [one for one in steady_warnings(drive, steady) if one["code"] == code]
+        return [one for one in steady_warnings(drive, point, steady) if one["code"] == code]
 
     (one,) = above(limited(most - 1))
     assert re.search(rf"\S+-\S+ has {most:.4g} N of {most - 1:.4g} N", one["text"])
@@ -69,3 +75,18 @@ def test_studies_know_what_is_left_of_the_limit():
     found = bj.optimize.find_quantity("tension_reserve", drive).measure(analyses)
     np.testing.assert_allclose(found[:3], 200.0, rtol=1e-9)
     np.testing.assert_allclose(found[3:], 500 - analyses.steady.running_tensions, rtol=1e-12)
+
+
+def test_speeds_outside_of_the_table_of_a_load_are_named():
+    """At 20 m/s the accessory turns at 20/0.02697 rad/s, 7081 rpm."""
+    drive, _ = example("three_pulley")
+    table = bj.Load(power=[100.0, 900.0], speed=np.array([3000, 6000]) * np.pi / 30)
+    points = [bj.OperatingPoint(belt_speed=v, load={"accessory": table}) for v in (12.0, 20.0)]
+    assert load_warnings((drive, points[0])) == []
+    [warned] = load_warnings(*((drive, point) for point in points))
+    assert warned["code"] == "load_outside_table"
+    assert "accessory turns at 7081 rpm (3000 to 6000 rpm)" in warned["text"]
+    ratio = 0.0889 / 0.02697
+    inside = np.array([3001, 5999]) * np.pi / 30 / ratio
+    assert range_warnings(drive, points[0], inside) == []
+    assert len(range_warnings(drive, points[0], np.array([0.9, 1.0]) * inside)) == 1

@@ -86,7 +86,7 @@ def test_usual_ways_to_write_a_number(text, unit, value):
         ("10 lb", "N", "is a mass; a force is in N, lbf"),
         ("10 kg", "N", "is a mass; a force is in N, lbf"),
         ("9 lb ft", "N m", "as in \"1 lbf in\""),
-        ("2 kW", "N m", "is a power; give the torque"),
+        ("2 kW", "N m", "is a power; what a pulley takes is power in [operation.load.NAME]"),
         ("2 N/mm", "N m/rad", "is a linear spring"),
         ("200 GPa", "N", "is a modulus"),
         ("1200 kg/m^3", "kg/m", "is a density"),

@@ -1,16 +1,11 @@
 """The work of `beltjax analyze`: it turns a drive file into a report."""
 
-import math
 import os
 from typing import Annotated, Any
 
 import jax
 import numpy as np
 from pydantic import Field
-from rich.console import Group
-from rich.markup import escape
-from rich.table import Table
-from rich.text import Text
 
 from beltjax.analysis.linearization import has_inertias
 from beltjax.analysis.modes import Modes
@@ -22,6 +17,7 @@ from beltjax.analysis.sensitivity import (
 )
 from beltjax.analysis.steady import SteadyState
 from beltjax.commands.reports import states
+from beltjax.commands.reports.analyze_tables import analyze_tables
 from beltjax.commands.reports.diagnosis import diagnose
 from beltjax.commands.reports.documents import (
     Document,
@@ -33,16 +29,22 @@ from beltjax.commands.reports.documents import (
     model_flags,
     plain,
 )
+from beltjax.commands.reports.duties import (
+    DutyPart,
+    WorstPart,
+    duties_document,
+    duty_failure,
+    duty_warnings,
+)
 from beltjax.commands.reports.report import Report
-from beltjax.commands.reports.tables import largest_changes, number, plain_table
 from beltjax.commands.reports.units import TableUnits
 from beltjax.commands.reports.vibrating import MOST_VIBRATING, require_few_pulleys, require_inertias
-from beltjax.commands.reports.warnings import modes_left_out, steady_warnings, warning_lines
+from beltjax.commands.reports.warnings import modes_left_out, steady_warnings
 from beltjax.compiling.kept_programs import run_kept
 from beltjax.draw.labels import mode_labels
 from beltjax.drive.bodies import single_arm
 from beltjax.drive.canonical import canonical
-from beltjax.drive.files import load_drive
+from beltjax.drive.files import load_runs
 from beltjax.drive.layout import alignment_angles
 from beltjax.drive.numbers import named_numbers
 from beltjax.drive.operation import OperatingPoint
@@ -54,7 +56,6 @@ from beltjax.results import RESULTS, succeeded
 MODES = 8
 _FUNCTIONS = 40  # a span: frequencies to 1e-6 for any bending stiffness, and mostly to 1e-10
 _COORDINATES = 500  # of all spans, whose modes are found in some seconds
-_LARGEST_SENSITIVITIES = 8
 
 
 class SpanPart(Part):
@@ -141,6 +142,10 @@ class AnalyzeDocument(Document):
     pulleys: list[states.PulleyPart] = meaning("in listed order")
     spans: list[states.SpanStatePart] = meaning("in listed order")
     isolators: list[states.IsolatorPart] | None
+    duty: str | None = meaning("that all but the next three keys are of; null: [operation]")
+    duties: list[DutyPart] | None = meaning("null where the file has none")
+    worst: list[WorstPart] | None = meaning("of the duties that run, one for each quantity")
+    worst_hub_loads: list[WorstPart] | None = meaning("of the duties that run, one a pulley")
     modes: ModesPart | None = meaning("null without inertias")
     sensitivities: SlopesPart | None
 
@@ -154,7 +159,7 @@ def analyze_report(
 
     Raises `FileError` where the file describes no possible drive.
     """
-    drive, point = load_drive(path)
+    drive, (point, duties) = load_runs(path)
     if figure:
         require_inertias(drive, path, "modes to draw need")
         require_few_pulleys(drive, path, "modes to draw")
@@ -169,7 +174,12 @@ def analyze_report(
     if why and why.impossible:
         raise FileError(path, why.key, why.message)
     failure = str(FileError(path, why.key, why.message)) if why else ""
-    document: dict[str, Any] = analyze_document(drive, point, found) | {"success": not failure}
+    document = analyze_document(drive, point, found)
+    if duties:
+        document |= duties_document(drive, point, duties)
+        document["warnings"] = duty_warnings(document)
+        failure = failure or duty_failure(document["duties"], path)
+    document["success"] = not failure
     if has_inertias(drive) and not few:
         document["warnings"].append(modes_left_out(drive, MOST_VIBRATING))
     tables = analyze_tables(document, plain_numbers(drive, point), TableUnits(drive, si))
@@ -196,16 +206,17 @@ def analyze_document(drive: Drive, point: OperatingPoint, found: Sensitivities) 
         "drive": drive.name,
         "model": model_flags(drive),
         "success": running,
-        "warnings": steady_warnings(drive, steady),
+        "warnings": steady_warnings(drive, point, steady),
         "layout": _layout(drive, steady),
         "reference": _reference(drive, steady, rested) if rests else None,
         "groups": _groups(steady) if rested else None,
         "steady": _steady(drive, steady) if running else None,
-        "coordinates": states.coordinates(drive, steady) if rests else None,
+        "coordinates": states.coordinates(drive, steady, running) if rests else None,
         "belts": states.belts(drive, steady, running) if rests else None,
         "pulleys": states.pulleys(drive, point, steady, running),
-        "spans": states.spans(drive, steady, running),
+        "spans": states.spans(drive, steady, running, states.heard_running([steady])[0]),
         "isolators": states.isolators(drive, steady) if rests else None,
+        **dict.fromkeys(("duty", "duties", "worst", "worst_hub_loads")),
         "modes": _modes(drive, found.modes) if running and found.modes else None,
         "sensitivities": _sensitivities(drive, found) if running else None,
     }
@@ -294,142 +305,3 @@ def _sensitivities(drive: Drive, found: Sensitivities) -> dict[str, Any]:
         "coupling_total": named(found.coupling),
         "frequencies": None if frequencies is None else named(frequencies),
     }
-
-
-def analyze_tables(document: dict[str, Any], sizes: dict[str, Any], units: TableUnits) -> Group:
-    """The tables of `beltjax analyze`, from its JSON document and the numbers of the drive."""
-    parts = [*warning_lines(document), _span_table(document, units)]
-    parts += [_pulley_table(document, units), _summary_table(document, units)]
-    if document["coordinates"]:
-        parts.append(_coordinate_table(document, units))
-    parts.append(_model_line(document))
-    if document["modes"]:
-        parts.append(_mode_table(document["modes"]))
-    if document["sensitivities"]:
-        slopes = _gamma_table(document["sensitivities"]["coupling_total"], sizes, units)
-        parts.append(slopes if slopes.row_count else Text(_gamma_is_zero(sizes)))
-    return Group(*parts)
-
-
-def _span_table(document: dict[str, Any], units: TableUnits) -> Table:
-    # Both tensions are under the operating torques.
-    tensions = units.head("standing", "N"), units.head("running", "N")
-    headers = "span", units.head("length", "m"), *tensions, "meter (Hz)", "coupling Gamma_i"
-    table = plain_table(escape(document["drive"]), *headers)
-    spans, steady = document["layout"]["spans"], document["steady"] or {}
-    unknown = [None] * len(spans)
-    standing = (document["reference"] or {}).get("tensions", unknown)
-    heard = [row["meter_hz"] for row in document["spans"]]
-    columns = standing, steady.get("tensions", unknown), heard, steady.get("coupling", unknown)
-    for span, still, running, hertz, gamma in zip(spans, *columns, strict=True):
-        length = units.text(span["length"], "m", 1)
-        tensions = units.text(still, "N", 1), units.text(running, "N", 1)
-        cells = length, *tensions, number(hertz, 1), number(gamma, 4)
-        table.add_row(escape(span["name"]), *cells)
-    return table
-
-
-def _pulley_table(document: dict[str, Any], units: TableUnits) -> Table:
-    columns = ("wrap", "rad"), ("speed", "rad/s"), ("torque", "N m"), ("hub load", "N")
-    heads = [*(units.head(*column) for column in columns), units.head("towards", "rad")]
-    slips = any(row["slip_margin"] is not None for row in document["pulleys"])
-    table = plain_table("", "pulley", *heads, *["slip margin"] * slips)
-    for row in document["pulleys"]:
-        force = row["hub_load"]
-        load = None if force is None else math.hypot(*force)
-        towards = None if force is None else math.atan2(force[1], force[0])
-        wrap = units.text(math.radians(row["wrap_deg"]), "rad", 1)
-        speed = units.text(row["speed"], "rad/s", 0)
-        forces = units.text(row["torque"], "N m", 2), units.text(load, "N", 0)
-        cells = [wrap, speed, *forces, units.text(towards, "rad", 0)]
-        cells += [number(row["slip_margin"], 3)] * slips
-        table.add_row(escape(row["name"]), *cells)
-    return table
-
-
-def _coordinate_table(document: dict[str, Any], units: TableUnits) -> Table:
-    columns = "installed", "at rest", "running", "", "stop"
-    table = plain_table("Tensioners, from the drawn position", "tensioner", *columns)
-    for row in document["coordinates"]:
-        unit = "rad" if row["kind"] == "rotary" else "m"
-        running = row["at_rest"] + row["change"]
-        places = (units.text(x, unit, 3) for x in (row["installed"], row["at_rest"], running))
-        table.add_row(escape(row["name"]), *places, units.name(unit), row["at_stop"] or "")
-    return table
-
-
-def _model_line(document: dict[str, Any]) -> Text:
-    """Which model the numbers are of."""
-    model = document["model"]
-    counted = [name.replace("_", " ") for name, counts in model.items() if counts]
-    if not counted:
-        return Text("model: Kong (2003), as published; docs/model.md says what it leaves out\n")
-    return Text(f"model: with {', '.join(counted)} ([model] of the drive file)\n")
-
-
-def _summary_table(document: dict[str, Any], units: TableUnits) -> Table:
-    table = plain_table("", "quantity", "value", "unit")
-    layout, reference = document["layout"], document["reference"] or {}
-    groups, steady = document["groups"] or {}, document["steady"] or {}
-    rows = [
-        ("coupling Gamma, all spans", steady.get("coupling_total"), 4, ""),
-        ("tensioner effectiveness eta", reference.get("tensioner_effectiveness"), 4, ""),
-        ("tension change T", steady.get("tension_change"), 6, "P0"),
-        ("arm's turn, drawn to rest", reference.get("arm_turn"), 4, "rad"),
-        ("arm rotation theta_t, rest to running", steady.get("arm_rotation"), 4, "rad"),
-        ("belt length, unstretched", reference.get("unstretched_length"), 3, "m"),
-        ("path length", layout["path_length"], 3, "m"),
-        ("bending eps", groups.get("bending"), 5, ""),
-        ("speed s", groups.get("speed"), 5, ""),
-        ("stretch gamma", groups.get("stretch"), 2, ""),
-    ]
-    for label, value, digits, unit in rows:
-        if value is not None:
-            values = value if isinstance(value, list) else [value]  # of several belts
-            words = ", ".join(units.text(one, unit, digits) for one in values)
-            table.add_row(label, words, units.name(unit))
-    return table
-
-
-def _mode_table(modes: dict[str, Any]) -> Table:
-    table = plain_table("Natural modes", "moves most", "Hz", "dimensionless")
-    for label, hertz, omega in zip(
-        modes["labels"], modes["hertz"], modes["dimensionless"], strict=True
-    ):
-        table.add_row(escape(label), number(hertz, 2), number(omega, 4))
-    return table
-
-
-def _gamma_table(slopes: dict[str, Any], sizes: dict[str, Any], units: TableUnits) -> Table:
-    table = plain_table(
-        "What moves Gamma most, per 1 % of each number, and per unit",
-        "number",
-        "change of Gamma",
-        "d Gamma/d number",
-        "unit",
-    )
-    parts = (p for name in slopes for p in _components(name, sizes[name], slopes[name]))
-    for name, change, slope in largest_changes(parts)[:_LARGEST_SENSITIVITIES]:
-        one, unit = units.of_number(name.partition("[")[0], 1.0)
-        per = f"1/({unit})" if set(unit) & set(" /*") else f"1/{unit}" if unit else ""
-        table.add_row(escape(name), f"{change:+.3e}", f"{slope / one:+.4g}", per)
-    return table
-
-
-def _gamma_is_zero(sizes: dict[str, Any]) -> str:
-    """Say why nothing moves Gamma."""
-    stiff = [size for name, size in sizes.items() if name.endswith(".bending_stiffness")]
-    if not any(stiff):
-        return (
-            "Nothing moves Gamma: the spans of a belt without bending stiffness are straight, and "
-            "it is zero (belt.bending_stiffness = 0)."
-        )
-    return "Nothing moves Gamma: all its derivatives are zero."
-
-
-def _components(name: str, size: Any, slope: Any) -> list[tuple[str, float, float]]:
-    if not isinstance(slope, list):
-        return [(name, size, slope)]
-    indices = [f"[{i}]" for i in range(len(slope))]
-    labels = [".x", ".y"] if name.endswith(("center", "pivot", "direction")) else indices
-    return [(name + label, *part) for label, *part in zip(labels, size, slope, strict=True)]

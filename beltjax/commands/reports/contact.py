@@ -17,7 +17,7 @@ from beltjax.analysis.contact import (
     without_friction,
 )
 from beltjax.analysis.steady import SteadyState, steady_state
-from beltjax.commands.reports.diagnosis import Diagnosis, speed_key, travel_lead
+from beltjax.commands.reports.diagnosis import Diagnosis, speed_key, taken_key, travel_lead
 from beltjax.commands.reports.documents import (
     Document,
     Maybe,
@@ -30,6 +30,7 @@ from beltjax.commands.reports.report import Report
 from beltjax.commands.reports.states import STOPS
 from beltjax.commands.reports.tables import plain_table
 from beltjax.commands.reports.units import TableUnits
+from beltjax.commands.reports.warnings import load_warnings, warning_lines
 from beltjax.compiling.kept_programs import run_kept
 from beltjax.compiling.quick import quickly_compiled
 from beltjax.drive.bodies import single_arm
@@ -146,7 +147,7 @@ def contact_report(
     why = diagnose_contact(drive, point, state)
     if why and why.impossible:
         raise FileError(path, why.key, why.message)
-    document = contact_document(drive, state)
+    document = contact_document(drive, state) | {"warnings": load_warnings((drive, point))}
     files = _pictures(drive, point, state, *pictures) if document["pulleys"] else ()
     failure = str(FileError(path, why.key, why.message)) if why else ""
     return Report(document, contact_tables(document, TableUnits(drive, si)), failure, files)
@@ -278,7 +279,8 @@ def contact_tables(document: dict[str, Any], units: TableUnits) -> Group:
         return Group(escape(f"{document['drive']}: no state of contact"))
     several = len(document["belts"]) > 1
     tables = _pulley_table, _span_table, *([_belt_table] if several else []), _summary
-    return Group(*(table(document, units) for table in tables))
+    shown = (table(document, units) for table in tables)
+    return Group(*warning_lines(document), *shown)
 
 
 def _pulley_table(document: dict[str, Any], units: TableUnits) -> Table:
@@ -357,7 +359,7 @@ def _cause(drive: Drive, point: OperatingPoint, state: ContactState) -> tuple[st
     names = np.array(drive.pulley_names)
     if result == RESULTS.gross_slip:
         slipping = names[loaded & (np.asarray(state.adhesions) < 0)]
-        return "operation.torque", f"{', '.join(slipping)}: "
+        return taken_key(point) or "operation.torque", f"{', '.join(slipping)}: "
     if result == RESULTS.wrap_vanished:
         bare = names[loaded & (np.asarray(state.wraps) <= 0)]
         return "belt.bending_stiffness", f"{', '.join(bare)}: "
@@ -366,4 +368,4 @@ def _cause(drive: Drive, point: OperatingPoint, state: ContactState) -> tuple[st
     if result == RESULTS.belt_overstretched:
         return speed_key(point), ""
     given = isinstance(drive.installation, BeltGiven)
-    return "installation.belt_length" if given else "operation.torque", ""
+    return "installation.belt_length" if given else taken_key(point) or "operation.torque", ""

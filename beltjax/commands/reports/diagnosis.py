@@ -63,9 +63,7 @@ def _failure(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagno
         return Diagnosis("tensioner.stiffness", explanation(result), False)
     if result == RESULTS.belt_overstretched:
         return _strain_diagnosis(drive, point, steady)
-    loaded = any(float(torque) for torque in point.torque.values())
-    key = "operation.torque" if loaded else "installation"
-    return Diagnosis(key, explanation(result), False)
+    return Diagnosis(taken_key(point) or "installation", explanation(result), False)
 
 
 _UNFIT = RESULTS.belt_too_long, RESULTS.belt_too_short, RESULTS.belt_does_not_fit
@@ -100,7 +98,7 @@ def _turn_off(drive: Drive, point: OperatingPoint, result: RESULTS) -> Diagnosis
 
 def travel_lead(drive: Drive, point: OperatingPoint) -> str:
     """Says so where the drive runs in the other sense of travel, and not in this one."""
-    if not any(float(torque) for torque in point.torque.values()):
+    if not taken_key(point):
         return ""
     against = dataclasses.replace(point, travel=-point.travel)
     if _runs(drive, point) or not _runs(drive, against):
@@ -200,7 +198,8 @@ def _slack_diagnosis(drive: Drive, point: OperatingPoint, steady: SteadyState) -
         if getattr(drive.installation, "span_tensions", None) is not None:
             return Diagnosis("installation.span_tensions", f"{found}: give tensions above 0", False)
         remedy = "raise installation.tension, or lower the torques"
-        return Diagnosis("operation.torque", f"{found} under these torques: {remedy}", False)
+        key = taken_key(point) or "operation.torque"
+        return Diagnosis(key, f"{found} under these torques: {remedy}", False)
     span = drive.span_names[int(np.argmin(np.asarray(reference.tensions)))]
     return Diagnosis(
         speed_key(point),
@@ -208,6 +207,13 @@ def _slack_diagnosis(drive: Drive, point: OperatingPoint, steady: SteadyState) -
         "speed or raise installation.tension",
         False,
     )
+
+
+def taken_key(point: OperatingPoint) -> str:
+    """The key of what accessories take; empty where they take nothing."""
+    if any(float(torque) for torque in point.torque.values()):
+        return "operation.torque"
+    return "operation.load" if point.load else ""
 
 
 def speed_key(point: OperatingPoint) -> str:

@@ -27,6 +27,7 @@ from beltjax.commands.reports.units import TableUnits
 from beltjax.commands.reports.warnings import steady_warnings, warning_lines
 from beltjax.commands.running import Advance
 from beltjax.drive.files import drive_bytes
+from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
 from beltjax.files.reading import read_json
@@ -174,7 +175,7 @@ def optimize_report(
         design, choices = chosen[0].design, chosen_document(chosen)
     else:
         design, choices = _minimized(study, advance, warm, given.checkpoint), {}
-    document = optimize_document(design) | choices
+    document = optimize_document(study.point, design) | choices
     if study.scatter is not None:
         document |= robust_document(design, study.scatter)
     if design.snapped is not None:
@@ -190,7 +191,8 @@ def optimize_report(
         )
         files.append((given.figure, picture_bytes(picture, given.figure)))
     if given.drive and design.success:
-        files.append((given.drive, drive_bytes(design.drive, study.point)))
+        duties = study.cases.duties if study.cases else {}
+        files.append((given.drive, drive_bytes(design.drive, study.point, duties)))
     if given.page:
         from beltjax.commands.reports.page import study_page  # slow to load
 
@@ -274,13 +276,13 @@ def _missed(design: optimize.Design) -> tuple[str, str]:
     return key, f"cannot be met: {'; '.join(parts)}; relax a limit or widen the bounds"
 
 
-def optimize_document(design: optimize.Design) -> dict[str, Any]:
-    """The outcome of a `beltjax.optimize.Design`."""
+def optimize_document(point: OperatingPoint, design: optimize.Design) -> dict[str, Any]:
+    """The outcome of a `beltjax.optimize.Design`; `point` is the study's first."""
     own = [constraint for constraint in design.constraints if not constraint.implied]
     implied = [constraint for constraint in design.constraints if constraint.implied]
     return {
         "model": model_flags(design.drive),
-        "warnings": steady_warnings(design.drive, design.steady),
+        "warnings": steady_warnings(design.drive, point, design.steady),
         "design": dict(design.values),
         "objective": {"initial": design.initial, "final": design.final},  # None: nothing runs
         "constraints": [_constraint(constraint) for constraint in own],

@@ -1,16 +1,21 @@
 """What a document tells of each tensioner, belt, pulley, span and isolator of a drive."""
 
+from collections.abc import Sequence
 from typing import Any, Literal
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
+from beltjax.analysis.moving_beam import held_spans, lowest_of_spans
 from beltjax.analysis.steady import SteadyState
 from beltjax.commands.reports.documents import Maybe, Part, meaning, plain
+from beltjax.compiling.kept_programs import run_kept
 from beltjax.drive.components import KINDS, Tensioner
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.shafts import transmission
 from beltjax.drive.system import Drive
-from beltjax.results import succeeded
+from beltjax.results import RESULTS, succeeded
 
 Kind = Literal["rotary", "linear"]
 STOPS = {-1: "least", 1: "greatest"}  # which stop holds a body, as words
@@ -25,6 +30,8 @@ class CoordinatePart(Part):
     at_rest: Maybe = meaning("with torques")
     change: Maybe = meaning("from at rest to running")
     at_stop: Literal["least", "greatest"] | None = meaning("which stop holds it")
+    to_least: Maybe = meaning("way left to its least position, running; null without a stop")
+    to_greatest: Maybe = meaning("way left to its greatest position, running")
 
 
 class BeltPart(Part):
@@ -58,7 +65,9 @@ class SpanStatePart(Part):
     name: str
     length: Maybe = meaning("m")
     tension: Maybe = meaning("N, running")
+    tension_at_rest: Maybe = meaning("N, with the torques")
     meter_hz: Maybe = meaning("Hz, of the held span at rest, as a tension meter hears it")
+    meter_hz_running: Maybe = meaning("Hz, of the running span between pulleys held still")
 
 
 class IsolatorPart(Part):
@@ -74,15 +83,21 @@ def kind_of(body: Tensioner) -> str:
     return next(word for word, sign in KINDS.items() if sign == float(body.kind))
 
 
-def coordinates(drive: Drive, steady: SteadyState) -> list[dict[str, Any]]:
+def coordinates(drive: Drive, steady: SteadyState, running: bool) -> list[dict[str, Any]]:
     """Where each tensioner stands: installed, at rest with torques, and how running moves it."""
     reference = steady.reference
+    stops = np.array([np.asarray(body.stops) for body in drive.tensioners]).reshape(-1, 2)
+    stands = np.asarray(reference.coordinates) + np.asarray(steady.coordinate_change)
+    # Of a body that a stop holds rounding leaves no way of its own.
+    left = np.maximum(np.stack([stands - stops[:, 0], stops[:, 1] - stands]), 0.0)
+    left = left if running else np.full_like(left, np.nan)
     columns = zip(
         drive.tensioners,
         plain(reference.installed),
         plain(reference.coordinates),
         plain(steady.coordinate_change),
         np.where(steady.at_stop != 0, steady.at_stop, reference.at_stop).tolist(),
+        *plain(left),
         strict=True,
     )
     return [
@@ -93,8 +108,10 @@ def coordinates(drive: Drive, steady: SteadyState) -> list[dict[str, Any]]:
             "at_rest": at_rest,
             "change": change,
             "at_stop": STOPS.get(int(at_stop)),
+            "to_least": to_least,
+            "to_greatest": to_greatest,
         }
-        for body, installed, at_rest, change, at_stop in columns
+        for body, installed, at_rest, change, at_stop, to_least, to_greatest in columns
     ]
 
 
@@ -154,8 +171,13 @@ def pulleys(
     ]
 
 
-def spans(drive: Drive, steady: SteadyState, running: bool) -> list[dict[str, Any]]:
-    """Each span: its length, its running tension and what a tension meter hears at rest."""
+def spans(
+    drive: Drive, steady: SteadyState, running: bool, heard: np.ndarray
+) -> list[dict[str, Any]]:
+    """Each span: its length, its tensions and what a tension meter hears.
+
+    `heard` [spans] is what it hears of the running belt [Hz].
+    """
     at, rest = steady.reference.layout, np.asarray(steady.reference.tensions)
     of_span = [drive.belts[b] for b in drive.belt_of_span]
     bending = np.array([float(belt.bending_stiffness) for belt in of_span])
@@ -168,19 +190,31 @@ def spans(drive: Drive, steady: SteadyState, running: bool) -> list[dict[str, An
         drive.span_names,
         plain(at.span_lengths),
         plain(steady.running_tensions),
+        plain(rest),
         plain(hertz),
+        plain(heard),
         strict=True,
     )
-    rests = bool(succeeded(steady.reference.result))
+    tight = bool(succeeded(steady.reference.result))
+    rests = tight or bool(steady.reference.result == RESULTS.span_slack)
     return [
         {
             "name": name,
             "length": length,
             "tension": tension if running else None,
-            "meter_hz": heard if rests else None,
+            "tension_at_rest": still if rests else None,
+            "meter_hz": at_rest if tight else None,
+            "meter_hz_running": hears if running else None,
         }
-        for name, length, tension, heard in columns
+        for name, length, tension, still, at_rest, hears in columns
     ]
+
+
+def heard_running(steady: Sequence[SteadyState]) -> list[np.ndarray]:
+    """What a tension meter hears [Hz] of the spans of running drives of one number of spans."""
+    spans = [held_spans(state) for state in steady]
+    joined = jax.tree.map(lambda *x: jnp.concatenate([jnp.asarray(one) for one in x]), *spans)
+    return np.split(np.asarray(run_kept(lowest_of_spans, joined)), len(spans))
 
 
 def isolators(drive: Drive, steady: SteadyState) -> list[dict[str, Any]]:

@@ -25,6 +25,7 @@ from beltjax.commands.reports.warnings import sweep_warnings, warning_lines
 from beltjax.commands.running import Advance
 from beltjax.draw.labels import span_label
 from beltjax.drive.numbers import require_number, unit_of
+from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 
 _ROWS = 13  # of a sweep's table; every row is in the JSON and the NetCDF file
@@ -80,7 +81,7 @@ def sweep_report(
     lines = read_option("--orders", lambda: read_orders(orders))
     read_option("--count", lambda: require_count(drive, count))
     found = sweep(drive, point, name, values, count=count, advance=advance)
-    document = sweep_document(drive, found)
+    document = sweep_document(drive, point, found)
     files = []
     if netcdf:
         files.append((netcdf, _netcdf(found)))
@@ -100,7 +101,7 @@ def _netcdf(found: Sweep) -> bytes:
     return bytes(data)
 
 
-def sweep_document(drive: Drive, found: Sweep) -> dict[str, Any]:
+def sweep_document(drive: Drive, point: OperatingPoint, found: Sweep) -> dict[str, Any]:
     """A sweep; rows by value, columns by mode, modes counted from 1, null where absent."""
     veerings = [
         {
@@ -115,7 +116,7 @@ def sweep_document(drive: Drive, found: Sweep) -> dict[str, Any]:
         "drive": drive.name,
         "success": bool(found.good.any()),
         "model": model_flags(drive),
-        "warnings": sweep_warnings(drive, found),
+        "warnings": sweep_warnings(drive, point, found),
         "over": found.name,
         "unit": found.unit,
         "values": plain(found.values),

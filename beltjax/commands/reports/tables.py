@@ -2,11 +2,15 @@
 
 import csv
 import io
+import re
 from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
 
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
+
+_NUMBER = re.compile(r"[-+]?[0-9]+(?:\.[0-9]+)?(?:e[-+][0-9]+)?")
 
 
 def plain_table(title: str, *columns: str) -> Table:
@@ -35,15 +39,80 @@ def csv_bytes(shown: RenderableType) -> bytes:
     """
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    for k, table in enumerate(_tables_in(shown)):
+    for k, table in enumerate(plain_tables(shown)):
         if k:
             writer.writerow([])
         if table.title:
-            writer.writerow([_plain(table.title)])
-        writer.writerow([_plain(column.header) for column in table.columns])
-        columns = ([_plain(cell) for cell in column.cells] for column in table.columns)
-        writer.writerows(zip(*columns, strict=True))
+            writer.writerow([table.title])
+        writer.writerow(table.heads)
+        writer.writerows(table.rows)
     return out.getvalue().encode()
+
+
+def xlsx_bytes(shown: RenderableType) -> bytes:
+    """All tables of an answer as a workbook, each on a sheet of its own.
+
+    Numbers are as they are shown, with as many decimals, but are numbers to the spreadsheet.
+
+    Raises `ModuleNotFoundError` where openpyxl is not installed.
+    """
+    from openpyxl import Workbook
+
+    book = Workbook()
+    book.remove(book.worksheets[0])
+    for k, table in enumerate(plain_tables(shown), start=1):
+        title = re.sub(r"[\[\]:*?/\\']", " ", table.title or table.heads[0])
+        # Excel's sheets have names of at most 31 characters, each of its own.
+        sheet = book.create_sheet(f"{k} {title}"[:31])
+        for i, row in enumerate([table.heads, *table.rows], start=1):
+            for j, text in enumerate(row, start=1):
+                is_number = i > 1 and not table.are_words[j - 1] and _NUMBER.fullmatch(text)
+                _write_cell(sheet.cell(i, j), text, bool(is_number), head=i == 1)
+        for column in sheet.columns:
+            width = max(len(str(cell.value or "")) for cell in column)
+            sheet.column_dimensions[column[0].column_letter].width = width + 2
+        sheet.freeze_panes = "B2"
+    if not book.worksheets:
+        book.create_sheet("empty")  # a workbook without sheets cannot be written
+    out = io.BytesIO()
+    book.save(out)
+    return out.getvalue()
+
+
+def _write_cell(cell: Any, text: str, is_number: bool, head: bool) -> None:
+    from openpyxl.styles import Font
+
+    if is_number:
+        cell.value = float(text)
+        decimals = len(text.partition(".")[2])
+        scientific = "e" in text
+        cell.number_format = "0.000E+00" if scientific else f"0.{'0' * decimals}".rstrip(".")
+    else:
+        cell.value = text or None
+        cell.data_type = "s" if text else "n"  # "=1" is text, not a formula
+    if head:
+        cell.font = Font(bold=True)
+
+
+class PlainTable(NamedTuple):
+    """A table as text: what it is called, the heads of its columns, and its cells."""
+
+    title: str  # empty where it has none
+    heads: list[str]
+    rows: list[list[str]]
+    are_words: list[bool]  # of each column, or numbers
+
+
+def plain_tables(shown: RenderableType) -> Iterator[PlainTable]:
+    """The tables of an answer as text."""
+    for table in _tables_in(shown):
+        columns = ([_plain(cell) for cell in column.cells] for column in table.columns)
+        yield PlainTable(
+            title=_plain(table.title or ""),
+            heads=[_plain(column.header) for column in table.columns],
+            rows=[list(row) for row in zip(*columns, strict=True)],
+            are_words=[column.justify == "left" for column in table.columns],
+        )
 
 
 def _tables_in(shown: RenderableType) -> Iterator[Table]:

@@ -2,20 +2,24 @@
 
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 from rich.text import Text
 
 from beltjax.analysis.response import Response
 from beltjax.analysis.steady import FARTHEST, STIFFEST, SteadyState, steady_state
 from beltjax.analysis.sweep import Sweep
+from beltjax.commands.reports.vibrating import RPM
+from beltjax.drive.numbers import with_number
 from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.shafts import transmission
 from beltjax.drive.system import Drive
 from beltjax.results import succeeded, successes
 
 Warnings = list[dict[str, str]]
 
 
-def steady_warnings(drive: Drive, steady: SteadyState) -> Warnings:
+def steady_warnings(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Warnings:
     """Warn where a steady state leaves the limits of its model."""
     if not succeeded(steady.result):
         return []
@@ -23,8 +27,30 @@ def steady_warnings(drive: Drive, steady: SteadyState) -> Warnings:
         *_stiff_belts(drive, np.asarray(steady.stiffness_ratios)),
         *_far_tensioners(drive, steady),
         *_overloaded_belts(drive, steady),
+        *load_warnings((drive, point)),
         *_idle_dampers(drive),
     ]
+
+
+def load_warnings(*runs: tuple[Drive, OperatingPoint]) -> Warnings:
+    """Warn of pulleys that turn faster or slower than the tables of their loads say in a run."""
+    found: dict[str, str] = {}
+    for drive, point in runs:
+        tables = {name: load for name, load in point.load.items() if load.speed is not None}
+        driven = transmission(drive, point) if tables else None
+        for name, load in tables.items():
+            k = drive.pulley(name)
+            if driven is not None and load.speed is not None and driven.outside[k]:
+                speeds = driven.speeds[k] / drive.radii[k], load.speed[0], load.speed[-1]
+                speed, least, greatest = (RPM * float(x) for x in speeds)
+                found[name] = f"{name} turns at {speed:.4g} rpm ({least:.4g} to {greatest:.4g} rpm)"
+    if not found:
+        return []
+    text = (
+        f"outside of the table of its load {', '.join(found.values())}, where the torque at the "
+        "end of the table is held; extend the table, or change the speed"
+    )
+    return [{"code": "load_outside_table", "text": text}]
 
 
 def _far_tensioners(drive: Drive, steady: SteadyState) -> Warnings:
@@ -80,12 +106,27 @@ def _idle_dampers(drive: Drive) -> Warnings:
 
 def drive_warnings(drive: Drive, point: OperatingPoint) -> Warnings:
     """The warnings of the drive from which a study of many drives starts."""
-    return steady_warnings(drive, steady_state(drive, point, throw=False))
+    return steady_warnings(drive, point, steady_state(drive, point, throw=False))
 
 
-def sweep_warnings(drive: Drive, found: Sweep) -> Warnings:
+def sweep_warnings(drive: Drive, point: OperatingPoint, found: Sweep) -> Warnings:
     """Warn where the steady states of a sweep do so, at the worst of its values."""
-    return _stiff_belts(drive, found.stiffness_ratios[found.good])
+    stiff = _stiff_belts(drive, found.stiffness_ratios[found.good])
+    if not point.load:
+        return stiff
+    return [*stiff, *load_warnings(*_ends(drive, point, found.name, found.values))]
+
+
+def range_warnings(drive: Drive, point: OperatingPoint, speeds: np.ndarray) -> Warnings:
+    """`load_warnings` over a range of the driver's speed [rad/s]."""
+    return load_warnings(*_ends(drive, point, "operation.driver_speed", speeds))
+
+
+def _ends(
+    drive: Drive, point: OperatingPoint, name: str, values: np.ndarray
+) -> list[tuple[Drive, OperatingPoint]]:
+    """The drive and point at the ends of a range of one number."""
+    return [with_number(drive, point, name, x) for x in jnp.asarray(values)[jnp.array([0, -1])]]
 
 
 def _stiff_belts(drive: Drive, ratios: np.ndarray) -> Warnings:

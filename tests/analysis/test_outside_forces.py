@@ -10,7 +10,7 @@ from bodies_cases import LEVER, load, swap
 from drives import flat_numbers, three_ways
 
 import beltjax as bj
-from beltjax.drive.bodies import bodies, loads
+from beltjax.drive.bodies import bodies, outside_forces
 
 # A motor hangs on a rocker to the left of a fan and below its pivot: its weight tightens the belt.
 # The fan is called the driver: its motion is given, and the motor's torque is what it gives.
@@ -206,7 +206,7 @@ def test_weights_resist_with_the_slope_of_their_moments(tmp_path):
     """On a chain of two bodies, against automatic derivatives of the forces."""
     drive, _ = load(tmp_path, LEVER)
     drive = dataclasses.replace(drive, gravity=np.array([1.3, -9.81]))
-    of, given, at = bodies(drive), loads(drive), jnp.array([0.2, -0.3])
+    of, given, at = bodies(drive), outside_forces(drive), jnp.array([0.2, -0.3])
     slope = jax.jacfwd(lambda q: given.push(of, q))(at)
     np.testing.assert_allclose(given.stiffness(of, at), -slope, rtol=1e-12, atol=1e-12)
     assert np.abs(slope).max() > 0.1
