@@ -28,6 +28,7 @@ from beltjax.drive.groups import ways
 from beltjax.drive.installation import (
     AdjustedToMark,
     AdjustedToTension,
+    Preloaded,
     TensionGiven,
 )
 from beltjax.drive.layout import Layout, Outline, Path, belt_path, unstretched_lengths
@@ -37,7 +38,7 @@ from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
 from beltjax.numerics.definite import definite_solve
 from beltjax.numerics.loops import Loops
-from beltjax.numerics.rigid_bodies import holding_stop
+from beltjax.numerics.rigid_bodies import Loads, holding_stop
 from beltjax.numerics.roots import implicit_root, system_root
 from beltjax.results import (
     RESULTS,
@@ -93,6 +94,7 @@ class _Problem(NamedTuple):
     held: Held
     offsets: Float[Array, " spans"]  # of the span tensions above the unknown ones [N]
     moments: Float[Array, " coordinates"]  # of accessories bolted to the bodies [N m]
+    loads: Loads
     scale: Float[Array, ""]  # [N]
     length: Float[Array, ""]  # [m]
     EA: Float[Array, " belts"]
@@ -211,7 +213,7 @@ def _solved_state(made: Assembly) -> ReferenceState:
     """The state for which (M6) and (R3) are solved, first without torques and then with them."""
     loops, rule, drawn, still = made.loops, made.rule, made.drawn, made.still
     fits = succeeded(drawn.result)
-    if isinstance(rule, TensionGiven | AdjustedToTension):
+    if isinstance(rule, TensionGiven | AdjustedToTension | Preloaded):
         place = installed_by_tension(made)
         base, at, holding = place.tensions, place.coordinates, place.held
         bare = first_failure((~fits, drawn.result), (~place.converged, RESULTS.belt_does_not_fit))
@@ -306,6 +308,7 @@ def _problem(
         held=held,
         offsets=made.offsets * load,
         moments=made.moments * load,
+        loads=made.loads,
         scale=scale,
         length=made.mean_length,
         EA=made.EA,
@@ -403,7 +406,8 @@ def _push(
     """Residual of (M6) on each body [N m] or [N], which is the force of a stop or a lock."""
     holding = problem.held
     springs_push = holding.stiffness @ coordinates - holding.relaxed
-    return belt_pull(at, tensions) + springs_push - problem.moments
+    given = problem.moments + problem.loads.push(problem.outline.bodies, coordinates)
+    return belt_pull(at, tensions) + springs_push - given
 
 
 def _residuals(
@@ -496,7 +500,8 @@ def _is_stable(made: Assembly, stands: _Standing) -> Bool[Array, ""]:
         return jnp.array(True)
     turns = at.span_turns
     geometric = turns[:, :, None] * turns[:, None, :] / at.span_lengths[:, None, None]
-    A = made.springs.matrix + jnp.sum(tensions[:, None, None] * (geometric + at.curvatures), axis=0)
+    A = made.springs.matrix + made.loads.stiffness(made.bodies, at.coordinates)
+    A = A + jnp.sum(tensions[:, None, None] * (geometric + at.curvatures), axis=0)
     take_up = made.loops.sums(at.span_pulls)
     rates = made.EA / at.path_lengths
     A = A + jnp.sum(rates[:, None, None] * take_up[:, :, None] * take_up[:, None, :], axis=0)
