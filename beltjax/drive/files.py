@@ -127,11 +127,11 @@ def load_geometry(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint, 
     content = _content(path)
     operation = content.get("operation", {})
     given = isinstance(operation, dict) and any(f"operation.{key}" in SPEEDS for key in operation)
+    given = given or "duty" in content  # of which each has a speed
     near, origin = near_the_origin(content)
     content = springs_as_positions(near, path)
     if any(origin):
         content = content | {"origin": list(origin)}
-    given = given or "duty" in content  # of which each has a speed
     drive, runs = _described(_with_stand_ins(content, given), path)
     return drive, runs.point, given
 

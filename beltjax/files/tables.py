@@ -198,7 +198,8 @@ def _message(error: Any, table: type[Table]) -> str:
         word = str(error["loc"][-1])
         known = _all_keys(table)
         if word in _FOREIGN_KEYS:
-            return f"is not a known key; {_FOREIGN_KEYS[word]}"
+            lead = "is not a key of this table" if word in known else "is not a known key"
+            return f"{lead}; {_FOREIGN_KEYS[word]}"
         if word in known:
             return "is not a key of this table; remove it"
         close = difflib.get_close_matches(word, sorted(known), n=1)

@@ -46,6 +46,21 @@ def test_a_response_warns_of_stiff_belts_and_of_slack_spans():
     assert codes == ["belt_stiff_on_pulley", "span_slackens"]
 
 
+def test_speeds_outside_of_the_table_of_a_load_are_named():
+    """At 20 m/s the accessory turns at 20/0.02697 rad/s, 7081 rpm."""
+    drive, _ = example("three_pulley")
+    table = bj.Load(power=[100.0, 900.0], speed=np.array([3000, 6000]) * np.pi / 30)
+    points = [bj.OperatingPoint(belt_speed=v, load={"accessory": table}) for v in (12.0, 20.0)]
+    assert load_warnings((drive, points[0])) == []
+    [warned] = load_warnings(*((drive, point) for point in points))
+    assert warned["code"] == "load_outside_table"
+    assert "accessory turns at 7081 rpm (3000 to 6000 rpm)" in warned["text"]
+    ratio = 0.0889 / 0.02697
+    inside = np.array([3001, 5999]) * np.pi / 30 / ratio
+    assert range_warnings(drive, points[0], inside) == []
+    assert len(range_warnings(drive, points[0], np.array([0.9, 1.0]) * inside)) == 1
+
+
 def test_tensions_above_the_maker_s_limit_are_named():
     """Without torques all spans have 300 N at rest, and eta of 20 m/s takes some of it."""
     drive, point = example("three_pulley")
@@ -75,18 +90,3 @@ def test_studies_know_what_is_left_of_the_limit():
     found = bj.optimize.find_quantity("tension_reserve", drive).measure(analyses)
     np.testing.assert_allclose(found[:3], 200.0, rtol=1e-9)
     np.testing.assert_allclose(found[3:], 500 - analyses.steady.running_tensions, rtol=1e-12)
-
-
-def test_speeds_outside_of_the_table_of_a_load_are_named():
-    """At 20 m/s the accessory turns at 20/0.02697 rad/s, 7081 rpm."""
-    drive, _ = example("three_pulley")
-    table = bj.Load(power=[100.0, 900.0], speed=np.array([3000, 6000]) * np.pi / 30)
-    points = [bj.OperatingPoint(belt_speed=v, load={"accessory": table}) for v in (12.0, 20.0)]
-    assert load_warnings((drive, points[0])) == []
-    [warned] = load_warnings(*((drive, point) for point in points))
-    assert warned["code"] == "load_outside_table"
-    assert "accessory turns at 7081 rpm (3000 to 6000 rpm)" in warned["text"]
-    ratio = 0.0889 / 0.02697
-    inside = np.array([3001, 5999]) * np.pi / 30 / ratio
-    assert range_warnings(drive, points[0], inside) == []
-    assert len(range_warnings(drive, points[0], np.array([0.9, 1.0]) * inside)) == 1

@@ -26,8 +26,8 @@ def steady_warnings(drive: Drive, point: OperatingPoint, steady: SteadyState) ->
     return [
         *_stiff_belts(drive, np.asarray(steady.stiffness_ratios)),
         *_far_tensioners(drive, steady),
-        *_overloaded_belts(drive, steady),
         *load_warnings((drive, point)),
+        *_overloaded_belts(drive, steady),
         *_idle_dampers(drive),
     ]
 
