@@ -289,9 +289,10 @@ def pulleys_content(drive: Drive) -> dict[str, Any]:
     names = drive.pulley_names
     crossed = [float(flag) > 0 for flag in drive.loops.crossed(drive.faces)]
     belts = [
-        _belt_content(belt) | ({"crossed": True} if crossed[start] else {})
-        for belt, start in zip(drive.belts, drive.loops.starts, strict=True)
+        _belt_content(belt) | ({"crossed": True} if flag else {})
+        for belt, flag in zip(drive.belts, crossed, strict=True)
     ]
+    sides = zip(drive.pulleys, drive.belt_of_span, strict=True)
     isolators, dampers = [], []
     for part in drive.isolators:
         on = [name for name, flag in zip(names, part.pulleys.tolist(), strict=True) if flag]
@@ -304,10 +305,7 @@ def pulleys_content(drive: Drive) -> dict[str, Any]:
         dampers.append(name | {"pulley": pulley} | at | numbers_content(part))
     content = {
         "belt": belts[0] if len(belts) == 1 and "name" not in belts[0] else belts,
-        "pulley": [
-            _pulley_content(pulley, flag)
-            for pulley, flag in zip(drive.pulleys, crossed, strict=True)
-        ],
+        "pulley": [_pulley_content(pulley, crossed[belt]) for pulley, belt in sides],
         "isolator": isolators,
         "damper": dampers,
     }

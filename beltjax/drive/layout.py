@@ -217,8 +217,8 @@ def laid_out(of: Outline, loops: Loops, at: Float[Array, " coordinates"]) -> Lay
     starts = centers - foot[:, None] * normals
     ends = loops.following(centers) - loops.following(foot)[:, None] * normals
     crossed = loops.crossed(of.faces)
-    turned_round, once = loops.sums(of.faces * path.wraps), 2 * np.pi * (1 - crossed[loops.starts])
-    plain = (1 - crossed)[:, None] * (loops.members.T @ loops.members)
+    turned_round, once = loops.sums(of.faces * path.wraps), 2 * jnp.pi * (1 - crossed)
+    plain = loops.spread(1 - crossed)[:, None] * (loops.members.T @ loops.members)
     result = first_failure(
         (jnp.any(~path.exists), RESULTS.no_tangent),
         (jnp.any(jnp.abs(turned_round - once) > 1.0), RESULTS.path_not_simple),
@@ -312,7 +312,7 @@ def _wraps(
     cross = before_x * along_y - before_y * along_x
     turn = of.faces * of.senses * jnp.arctan2(cross, before_x * along_x + before_y * along_y)
     # A crossed belt turns by more than half round on both of its pulleys.
-    least_turn = (loops.crossed(of.faces) - 1) * (np.pi / 2)
+    least_turn = loops.spread(loops.crossed(of.faces) - 1) * jnp.pi / 2
     turn = jnp.where(turn < least_turn, turn + 2 * jnp.pi, turn)
     unturned = jnp.abs(loops.spread(loops.sums(of.faces * turn))) < 1.0
     starts = loops.starts

@@ -19,7 +19,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from beltjax.numerics.loops import Loops
@@ -270,10 +269,10 @@ def _wraps(spans: Span, across: Spans, up: Spans, d: Spans, model: ContactModel)
         before_x * along_y - before_y * along_x, before_x * along_x + before_y * along_y
     )
     crossed = loops.crossed(turn)
-    least = (crossed - 1) * (np.pi / 2)
+    least = loops.spread(crossed - 1) * jnp.pi / 2
     straight = jnp.where(straight < least, straight + 2 * jnp.pi, straight)
     once = jnp.abs(loops.sums(turn * straight)) > jnp.pi
-    short = jnp.where(once | (crossed[loops.starts] > 0), 0.0, 2 * jnp.pi)
+    short = jnp.where(once | (crossed > 0), 0.0, 2 * jnp.pi)
     straight = straight + loops.at_smallest(straight) * loops.spread(short)
     string = jnp.arctan2(rise, run)
     start, end = inclinations(spans, model)
