@@ -85,6 +85,8 @@ def post_optimal(
     """
     if not design.success:
         raise ValueError("post_optimal: the design is no optimum; read design.result.")
+    if design.snapped is not None:
+        raise ValueError("post_optimal: snapped variables are no optimum; study the others alone.")
     names = tuple(fixed_numbers(study)) if numbers is None else numbers
     study = with_implied_constraints(study)
     rows = limited_rows(study, part_counts(study))

@@ -177,6 +177,67 @@ def test_contact_finds_the_same_weight(tmp_path):
     np.testing.assert_allclose(found.tensions[:, 1], string.tensions, rtol=1e-4)
 
 
+TWO = """
+[[belt]]
+name = "first"
+axial_stiffness = 2e5
+bending_stiffness = 0.0
+mass_per_length = 0.5
+[[belt]]
+name = "second"
+axial_stiffness = 1e5
+bending_stiffness = 0.0
+mass_per_length = 0.3
+[[pulley]]
+name = "a"
+belt = "first"
+center = [0.0, 0.0]
+radius = 0.2
+face = "grooved"
+[[pulley]]
+name = "b"
+belt = "first"
+center = [2.0, 0.0]
+radius = 0.2
+face = "grooved"
+driver = true
+[[pulley]]
+name = "c"
+belt = "second"
+shaft = "b"
+center = [2.0, 0.0]
+radius = 0.1
+face = "grooved"
+[[pulley]]
+name = "d"
+belt = "second"
+center = [2.0, 1.5]
+radius = 0.1
+face = "grooved"
+[[tensioner]]
+name = "left"
+kind = "linear"
+pulley = "a"
+direction = [-1, 0]
+force = 700.0
+[[tensioner]]
+name = "up"
+kind = "linear"
+pulley = "d"
+direction = [0, 1]
+stiffness = "5 N/mm"
+preload = 260.0
+[operation]
+belt_speed = 0.0
+"""
+
+
+def test_each_belt_has_the_tension_of_its_own_weight_or_spring(tmp_path):
+    rest = bj.reference_state(*load(tmp_path, TWO))
+    np.testing.assert_allclose(rest.tensions, [350, 350, 130, 130], rtol=1e-12)
+    np.testing.assert_allclose(rest.base_tensions, [350, 130], rtol=1e-12)
+
+
 @pytest.mark.parametrize(
     "preload",
     [

@@ -127,6 +127,8 @@ def test_a_snapped_radius_lets_the_others_be_optimized_again(tmp_path):
     lost = length(limited(taken), taken) - length(limited(best), best)
     assert design.snapped.loss == pytest.approx(lost, rel=1e-6)
     assert lost > 0
+    with pytest.raises(ValueError, match="snapped variables are no optimum"):
+        bj.optimize.post_optimal(bj.optimize.load_study(tmp_path / "study.toml"), design)
 
 
 def test_where_all_is_snapped_nothing_is_searched(run, tmp_path):
@@ -186,3 +188,20 @@ def test_radii_snap_to_whole_numbers_of_teeth(tmp_path):
     (tmp_path / "study.toml").write_text(study)
     (snap,) = bj.optimize.load_study(tmp_path / "study.toml").snaps
     np.testing.assert_allclose(snap.values, 0.005 * np.arange(34, 47) / (2 * np.pi), rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("listed", "values"),
+    [("standard_lengths = [1.28, 1.31, 1.4]\n", [1.28, 1.31]), ("", 0.005 * np.arange(256, 265))],
+    ids=["of a list", "of teeth"],
+)
+def test_a_belt_s_length_snaps_to_those_on_sale(tmp_path, listed, values):
+    drive = swapped(DRIVE, "tension = 400.0", "belt_length = 1.3")
+    (tmp_path / "drive.toml").write_text(
+        swapped(drive, 'pitch = "5 mm"', listed + 'pitch = "5 mm"')
+    )
+    study = swapped(STUDY, "pulley.right.center.x", "installation.belt_length").split("[[tie]]")[0]
+    study = swapped(study, '"70 mm"', '"1.28 m"').replace('"105 mm"', '"1.32 m"\nsnap = "standard"')
+    (tmp_path / "study.toml").write_text(study)
+    (snap,) = bj.optimize.load_study(tmp_path / "study.toml").snaps
+    np.testing.assert_allclose(snap.values, values, rtol=1e-14)
