@@ -46,6 +46,7 @@ from .drive.files import save_drive as save_drive
 from .drive.installation import AdjustedToMark as AdjustedToMark
 from .drive.installation import AdjustedToTension as AdjustedToTension
 from .drive.installation import BeltGiven as BeltGiven
+from .drive.installation import Preloaded as Preloaded
 from .drive.installation import TensionGiven as TensionGiven
 from .drive.layout import Layout as Layout
 from .drive.layout import alignment_angles as alignment_angles

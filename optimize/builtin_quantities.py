@@ -69,6 +69,15 @@ def tension(analyses: DriveAnalyses, span: int) -> Scalar:
     return analyses.steady.running_tensions[span]
 
 
+@quantity("tension_reserve", unit="N", needs="allowable tension", many=True)
+def tension_reserve(analyses: DriveAnalyses) -> Many:
+    """What is left of the belt's allowable tension in every span, at rest and running."""
+    steady, loops = analyses.steady, analyses.drive.loops
+    limits = [belt.allowable_tension for belt in analyses.drive.belts]
+    limit = loops.spread(jnp.stack([jnp.asarray(one) for one in limits]))
+    return jnp.concatenate([limit - steady.reference.tensions, limit - steady.running_tensions])
+
+
 @quantity("hub_load", unit="N", place="pulley")
 def hub_load(analyses: DriveAnalyses, pulley: int) -> Scalar:
     """Force of the running belt on the hub of one pulley."""

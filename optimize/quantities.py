@@ -25,7 +25,9 @@ from beltjax.drive.system import Drive
 from .drive_analyses import MODES, DriveAnalyses
 
 Place = Literal["", "pulley", "span", "mode", "order"]
-Need = Literal["", "tensioner", "friction", "pulley friction", "inertia", "excitation"]
+Need = Literal[
+    "", "tensioner", "friction", "pulley friction", "inertia", "excitation", "allowable tension"
+]
 MeasureFunction = TypeVar("MeasureFunction", bound=Callable[..., Array])
 
 
@@ -80,7 +82,8 @@ def quantity(
             a "mode" (from 0; names count from 1), or an "order" of the driver's speed. It is empty
             where the function takes the analyses alone.
         needs: what a drive must have: a "tensioner", "friction" of every pulley, "pulley
-            friction" of the one named, "inertia" of every part, "excitation" and inertias.
+            friction" of the one named, "inertia" of every part, "excitation" and inertias, the
+            "allowable tension" of every belt.
         many: whether it returns many numbers, which can be limited but not minimized.
 
     Returns:
@@ -217,6 +220,13 @@ def _needs_pulley_friction(name: str, drive: Drive, places: Places) -> None:
         raise KeyError(f"{missing}; add it to the drive file")
 
 
+def _needs_allowable_tension(name: str, drive: Drive, places: Places) -> None:
+    lacking = [belt.name for belt in drive.belts if belt.allowable_tension is None]
+    if lacking:
+        missing = f"belt {lacking[0]!r} has no allowable_tension, which {name!r} needs"
+        raise KeyError(f"{missing}; add it to the drive file")
+
+
 _CHECKS: dict[Need, Callable[[str, Drive, Places], None]] = {
     "": _needs_nothing,
     "tensioner": _needs_tensioner,
@@ -224,4 +234,5 @@ _CHECKS: dict[Need, Callable[[str, Drive, Places], None]] = {
     "pulley friction": _needs_pulley_friction,
     "inertia": _needs_inertia,
     "excitation": _needs_inertia,
+    "allowable tension": _needs_allowable_tension,
 }

@@ -12,6 +12,7 @@ from bodies_cases import LEVER, load
 
 import beltjax as bj
 from beltjax.drive import file_reference
+from beltjax.drive.files import load_geometry
 
 ROOT = Path(__file__).parents[1]
 BLOCKS = {
@@ -104,10 +105,25 @@ def test_the_page_of_the_drive_file_says_what_stands_beside_its_keys():
 
 
 def test_the_tensioners_of_the_page_are_some(tmp_path):
-    (tensioners,) = blocks_of(ROOT / "docs" / "drive_file.md", "toml")
+    blocks = blocks_of(ROOT / "docs" / "drive_file.md", "toml")
+    (tensioners,) = (block for block in blocks if "[[pulley]]" not in block)
     before, after = LEVER.split("[[tensioner]]", 1)[0], LEVER[LEVER.index("[installation]") :]
     drive, _ = load(tmp_path, before + tensioners + after)
     assert [body.name for body in drive.tensioners] == ["housing", "lever"]
+
+
+def test_the_drives_of_the_page_are_read(tmp_path):
+    blocks = blocks_of(ROOT / "docs" / "drive_file.md", "toml")
+    drives = [block for block in blocks if "[[pulley]]" in block]
+    for block in drives:
+        read = load if "[operation]" in block else geometry
+        read(tmp_path, block)
+    assert len(drives) >= 2
+
+
+def geometry(folder, text):
+    (folder / "sheet.toml").write_text(text)
+    return load_geometry(folder / "sheet.toml")
 
 
 def examples_of(function):

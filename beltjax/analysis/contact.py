@@ -17,7 +17,13 @@ from beltjax.drive.canonical import canonical
 from beltjax.drive.components import as_real, concrete
 from beltjax.drive.contact_groups import ContactGroups, TravelOrder, contact_groups
 from beltjax.drive.groups import Scales
-from beltjax.drive.installation import AdjustedToMark, AdjustedToTension, BeltGiven, TensionGiven
+from beltjax.drive.installation import (
+    AdjustedToMark,
+    AdjustedToTension,
+    BeltGiven,
+    Preloaded,
+    TensionGiven,
+)
 from beltjax.drive.layout import Layout, layout
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.placeholders import harmless, numbers_are_usable
@@ -37,6 +43,7 @@ from beltjax.results import (
 )
 
 Law = str | AbstractBeltLaw
+NO_SLIP = "a toothed belt does not slip: contact mechanics adds nothing to geometry and tensions;"
 _SLIPPING = 1e-9  # adhesion below minus this is gross slip [rad]
 # Where a search ends without a belt, at the last step of load (1/64) that had one:
 _BARE = 0.05  # of the tension at rest: a least P at a contact below it was about to be lost
@@ -123,7 +130,7 @@ def contact_state(
     Raises:
         KeyError: a torque is given for a pulley that is not there.
         ValueError: a pulley with torque has no friction, `mass_flow` is given for several belts,
-            or `law` is unknown.
+            a belt is toothed, or `law` is unknown.
         AnalysisError: the result is a failure, and `throw` is set.
 
     Examples:
@@ -155,7 +162,7 @@ def maximum_moment(
     Raises:
         KeyError: a torque is given for a pulley that is not there.
         ValueError: a pulley with torque has no friction, `mass_flow` is given for several belts,
-            or `law` is unknown.
+            a belt is toothed, or `law` is unknown.
         AnalysisError: the result is a failure, and `throw` is set.
     """
     return _contact(drive, point, law, True, throw)
@@ -167,6 +174,9 @@ def _contact(
     question = contact_question(law, maximum)
     if len(drive.belts) > 1 and point.mass_flow is not None:
         raise ValueError("OperatingPoint.mass_flow is that of a single belt; this drive has more.")
+    toothed = next((belt.name for belt in drive.belts if belt.pitch is not None), None)
+    if toothed is not None:
+        raise ValueError(f"Belt {toothed!r}: {NO_SLIP} `bj.steady_state` gives them.")
     bare = without_friction(drive, point, maximum)
     if bare is not None:
         raise ValueError(f"Pulley {bare!r} has torque; contact needs its friction.")
@@ -273,10 +283,13 @@ class _Start(NamedTuple):
 def _with_belts_of_the_string(made: Assembly) -> Assembly:
     """`made`; where its tensions are those of strings, with the belts and springs they give."""
     rule = made.rule
-    if not isinstance(rule, TensionGiven) or rule.tension_of != "string":
+    if isinstance(rule, Preloaded):
+        string = installed_by_tension(made).held
+    elif isinstance(rule, TensionGiven) and rule.tension_of == "string":
+        tensions = made.loops.spread(jnp.broadcast_to(rule.tension, made.EA.shape))
+        string = held_by_tensions(made, made.drawn, tensions, made.still)
+    else:
         return made
-    tensions = made.loops.spread(jnp.broadcast_to(rule.tension, made.EA.shape))
-    string = held_by_tensions(made, made.drawn, tensions, made.still)
     free = string.free if len(string.free) else None
     given = BeltGiven(_each_or_single(string.lengths), free=free)
     return made._replace(drive=dataclasses.replace(made.drive, installation=given))
@@ -296,6 +309,7 @@ def _installed(made: Assembly) -> _Start:
         length = rule.belt_length if isinstance(rule, AdjustedToTension) else jnp.ones(())
         tensions, lengths = (jnp.broadcast_to(x, size) for x in (rule.tension, length))
         return _Start(tensions, at, lengths, still, at, RESULTS.successful)
+    assert not isinstance(rule, Preloaded)  # the belts of its strings are given by now
     string = resting(made)
     rested = succeeded(string.result)
     at, bare = (
@@ -345,6 +359,7 @@ def contact_model(groups: ContactGroups, law: AbstractBeltLaw) -> physics.Contac
         together=groups.springs.together,
         floating=groups.springs.floating,
         first=groups.springs.first,
+        loads=groups.loads,
         motion=motion,
     )
 

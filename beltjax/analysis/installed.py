@@ -8,10 +8,17 @@ from jaxtyping import Array, Bool, Float
 
 from beltjax.drive.assembly import Assembly
 from beltjax.drive.groups import ways
-from beltjax.drive.installation import AdjustedToMark, AdjustedToTension, BeltGiven, TensionGiven
+from beltjax.drive.installation import (
+    AdjustedToMark,
+    AdjustedToTension,
+    BeltGiven,
+    Preloaded,
+    TensionGiven,
+)
 from beltjax.drive.layout import Layout, Outline, Path, belt_path, unstretched_lengths
+from beltjax.drive.preloaded import balancing_tensions
 from beltjax.numerics.definite import definite_solve
-from beltjax.numerics.rigid_bodies import Bodies
+from beltjax.numerics.rigid_bodies import Bodies, Loads
 from beltjax.numerics.roots import implicit_root, system_root
 
 LARGEST_MOVE = 0.2  # of a body, in one Newton step [rad], or in mean span lengths
@@ -40,6 +47,16 @@ def belt_pull(at: Layout | Path, tensions: Float[Array, " spans"]) -> Float[Arra
     return jnp.sum(tensions[:, None] * at.span_pulls, axis=0)
 
 
+def resistance(
+    made: Assembly,
+    at: Layout | Path,
+    tensions: Float[Array, " spans"],
+    coordinates: Float[Array, " coordinates"],
+) -> Float[Array, " coordinates"]:
+    """What the springs must hold: the belts' resistance less the loads [N m] or [N]."""
+    return belt_pull(at, tensions) - made.loads.push(made.bodies, coordinates)
+
+
 def search_units(of: Bodies, length: Float[Array, ""]) -> Float[Array, " coordinates"]:
     """Units of the coordinates in a search: 1 rad, or the mean span length."""
     return jax.lax.stop_gradient(jnp.where(of.rotary > 0, 1.0, length))
@@ -59,7 +76,7 @@ def held_by_tensions(
     coordinates: Float[Array, " coordinates"],
 ) -> Held:
     """Belts and springs for which this layout, of these coordinates, is at rest."""
-    free = _relaxed_by(made, belt_pull(at, tensions), coordinates)
+    free = _relaxed_by(made, resistance(made, at, tensions, coordinates), coordinates)
     return held(made, unstretched_lengths(made.EA, at, tensions, made.loops), free)
 
 
@@ -130,6 +147,19 @@ def free_positions(made: Assembly, rule: BeltGiven | AdjustedToMark) -> Float[Ar
     return jnp.where(jnp.isnan(rule.free), 0.0, rule.free)
 
 
+def _installed_by_loads(made: Assembly, rule: Preloaded) -> Installed:
+    """The drawn state, whose tensions balance what is known of springs and loads."""
+    found = balancing_tensions(made, rule)
+    good = found.definite & jnp.all(found.solution > 0)
+    tensions = jnp.where(good, found.solution, jax.lax.stop_gradient(made.EA) * 1e-3)
+    of_span, still = made.loops.spread(tensions), made.still
+    holding = held_by_tensions(made, made.drawn, of_span, still)
+    size = of_span[0] * made.mean_length / search_units(made.bodies, made.mean_length)
+    pull = resistance(made, made.drawn, of_span, still)
+    good = good & _balanced(made.bodies, pull, still, holding, size)
+    return Installed(still, tensions, holding, good)
+
+
 def installed_by_tension(made: Assembly) -> Installed:
     """The torque-free state for given tensions, with floating and adjusted bodies in place.
 
@@ -138,6 +168,8 @@ def installed_by_tension(made: Assembly) -> Installed:
     has its tension.
     """
     rule, loops, of, found, still = made.rule, made.loops, made.outline, made.springs, made.still
+    if isinstance(rule, Preloaded):
+        return _installed_by_loads(made, rule)
     assert isinstance(rule, TensionGiven | AdjustedToTension)
     tensions = jnp.broadcast_to(rule.tension, (len(loops.sizes),))
     of_span, length, count = loops.spread(tensions), made.mean_length, len(still)
@@ -148,7 +180,7 @@ def installed_by_tension(made: Assembly) -> Installed:
     ) -> Installed:
         holding = held_by_tensions(made, path, of_span, at)
         if rule.free is not None:
-            size, pull = of_span[0] * length / units, belt_pull(path, of_span)
+            size, pull = of_span[0] * length / units, resistance(made, path, of_span, at)
             good = good & _balanced(of.bodies, pull, at, holding, size)
         return Installed(at, tensions, holding, good)
 
@@ -164,13 +196,14 @@ def installed_by_tension(made: Assembly) -> Installed:
     def residual(
         unknown: Float[Array, " coordinates"],
         args: tuple[
-            Outline, Float[Array, " belts"], Float[Array, " belts"], Float[Array, " spans"]
+            Outline, Float[Array, " belts"], Float[Array, " belts"], Float[Array, " spans"], Loads
         ],
     ) -> Float[Array, " coordinates"]:
-        of, EA, wanted, of_span = args
+        of, EA, wanted, of_span, loads = args
         at = unknown * units
         path = belt_path(of, loops, at)
-        pull = belt_pull(path, of_span) * units / (of_span[0] * length)
+        pull = belt_pull(path, of_span) - loads.push(of.bodies, at)
+        pull = pull * units / (of_span[0] * length)
         # Bodies that float together move alike, until the first of them meets a stop.
         ends = ways(of.bodies.stops, still, units)
         least = jnp.max(jnp.where(found.together > 0, ends[:, 0], -jnp.inf), axis=1)
@@ -181,7 +214,7 @@ def installed_by_tension(made: Assembly) -> Installed:
         rest = jnp.where(found.first > 0, balance, unknown - found.floating * first_of)
         return jnp.where(adjusted > 0, short, rest)
 
-    args = of, made.EA, wanted, of_span
+    args = of, made.EA, wanted, of_span, made.loads
     fixed = jax.lax.stop_gradient(args)
     needed = jnp.any(found.floating + adjusted > 0)
     search = system_root(

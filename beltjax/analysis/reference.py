@@ -20,6 +20,7 @@ from beltjax.analysis.installed import (
     installed_by_tension,
     search_units,
 )
+from beltjax.compiling.batched_loops import in_lanes_of
 from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.assembly import Assembly, assembled
 from beltjax.drive.canonical import canonical
@@ -27,6 +28,7 @@ from beltjax.drive.groups import ways
 from beltjax.drive.installation import (
     AdjustedToMark,
     AdjustedToTension,
+    Preloaded,
     TensionGiven,
 )
 from beltjax.drive.layout import Layout, Outline, Path, belt_path, unstretched_lengths
@@ -36,7 +38,7 @@ from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
 from beltjax.numerics.definite import definite_solve
 from beltjax.numerics.loops import Loops
-from beltjax.numerics.rigid_bodies import holding_stop
+from beltjax.numerics.rigid_bodies import Loads, holding_stop
 from beltjax.numerics.roots import implicit_root, system_root
 from beltjax.results import (
     RESULTS,
@@ -46,6 +48,9 @@ from beltjax.results import (
     succeeded,
 )
 
+# Scales of the forces on bodies beside their distances to stops: with one of them Newton's method
+# may turn in circles, holding and releasing a stop, and not with another.
+_SCALES = (1.0, 10.0, 0.1, 0.01)
 LARGEST_STRAIN = 0.1  # a belt breaks before it is stretched so far
 
 
@@ -89,6 +94,7 @@ class _Problem(NamedTuple):
     held: Held
     offsets: Float[Array, " spans"]  # of the span tensions above the unknown ones [N]
     moments: Float[Array, " coordinates"]  # of accessories bolted to the bodies [N m]
+    loads: Loads
     scale: Float[Array, ""]  # [N]
     length: Float[Array, ""]  # [m]
     EA: Float[Array, " belts"]
@@ -207,7 +213,7 @@ def _solved_state(made: Assembly) -> ReferenceState:
     """The state for which (M6) and (R3) are solved, first without torques and then with them."""
     loops, rule, drawn, still = made.loops, made.rule, made.drawn, made.still
     fits = succeeded(drawn.result)
-    if isinstance(rule, TensionGiven | AdjustedToTension):
+    if isinstance(rule, TensionGiven | AdjustedToTension | Preloaded):
         place = installed_by_tension(made)
         base, at, holding = place.tensions, place.coordinates, place.held
         bare = first_failure((~fits, drawn.result), (~place.converged, RESULTS.belt_does_not_fit))
@@ -302,6 +308,7 @@ def _problem(
         held=held,
         offsets=made.offsets * load,
         moments=made.moments * load,
+        loads=made.loads,
         scale=scale,
         length=made.mean_length,
         EA=made.EA,
@@ -399,11 +406,20 @@ def _push(
     """Residual of (M6) on each body [N m] or [N], which is the force of a stop or a lock."""
     holding = problem.held
     springs_push = holding.stiffness @ coordinates - holding.relaxed
-    return belt_pull(at, tensions) + springs_push - problem.moments
+    given = problem.moments + problem.loads.push(problem.outline.bodies, coordinates)
+    return belt_pull(at, tensions) + springs_push - given
 
 
-def _residuals(unknown: Float[Array, " unknowns"], problem: _Problem, loops: Loops) -> Array:
-    """Residuals of (M6) over a tension and a length, and of (R3) over the mean span."""
+def _residuals(
+    unknown: Float[Array, " unknowns"],
+    problem: _Problem,
+    loops: Loops,
+    scale: Float[Array, ""] | float = 1.0,
+) -> Array:
+    """Residuals of (M6) over a tension and a length, and of (R3) over the mean span.
+
+    The forces of (M6) count by `scale`, which changes the way to the root, not the root.
+    """
     count = len(problem.fixed)
     units = problem.units
     coordinates = unknown[:count] * units
@@ -412,6 +428,7 @@ def _residuals(unknown: Float[Array, " unknowns"], problem: _Problem, loops: Loo
     pulling = tensions - _momentum(tensions, problem, loops)
     length = unstretched_lengths(problem.EA, at, tensions, loops) - problem.held.lengths
     push = _push(at, coordinates, pulling, problem) * units / (problem.scale * problem.length)
+    push = scale * push
     place = (coordinates + problem.marks @ coordinates - problem.at) / units
     # A body that the push would move beyond a stop stands at the stop. The residual is zero exactly
     # where the stop's force, which only pushes, balances the other forces.
@@ -437,9 +454,25 @@ def _search(problem: _Problem, loops: Loops, start: Float[Array, " unknowns"]) -
     count = len(problem.fixed)
     # The search may pass through slack and tenfold tensions, but a body must not jump.
     largest = jnp.concatenate([jnp.full(count, LARGEST_MOVE), jnp.full(len(loops.sizes), 20.0)])
-    found = system_root(lambda x: _residuals(x, problem, loops), start, largest)
-    good = found.converged & jnp.all(jnp.isfinite(found.root))
-    return _Rest(found.root, good, jnp.max(jnp.abs(found.residual)), found.steps)
+    stops, movable = problem.outline.bodies.stops, problem.fixed == 0
+    stopped = jnp.any(movable[:, None] & jnp.isfinite(stops))
+
+    def attempt(state: tuple[Array, _Rest]) -> tuple[Array, _Rest]:
+        number, last = state
+        scale = jnp.asarray(_SCALES)[number]
+        found = system_root(lambda x: _residuals(x, problem, loops, scale), start, largest)
+        good = found.converged & jnp.all(jnp.isfinite(found.root))
+        steps = last.steps + found.steps
+        return number + 1, _Rest(found.root, good, jnp.max(jnp.abs(found.residual)), steps)
+
+    def unfinished(state: tuple[Array, _Rest]) -> Bool[Array, ""]:
+        number, last = state
+        # Without stops there is but one way.
+        again = ~last.found & stopped & (number < len(_SCALES))
+        return (number == 0) | again
+
+    none = _Rest(start, jnp.array(False), jnp.array(jnp.inf), jnp.array(0))
+    return jax.lax.while_loop(unfinished, attempt, in_lanes_of(start, (jnp.array(0), none)))[1]
 
 
 def _root(
@@ -467,7 +500,8 @@ def _is_stable(made: Assembly, stands: _Standing) -> Bool[Array, ""]:
         return jnp.array(True)
     turns = at.span_turns
     geometric = turns[:, :, None] * turns[:, None, :] / at.span_lengths[:, None, None]
-    A = made.springs.matrix + jnp.sum(tensions[:, None, None] * (geometric + at.curvatures), axis=0)
+    A = made.springs.matrix + made.loads.stiffness(made.bodies, at.coordinates)
+    A = A + jnp.sum(tensions[:, None, None] * (geometric + at.curvatures), axis=0)
     take_up = made.loops.sums(at.span_pulls)
     rates = made.EA / at.path_lengths
     A = A + jnp.sum(rates[:, None, None] * take_up[:, :, None] * take_up[:, None, :], axis=0)

@@ -1,4 +1,4 @@
-"""The tensioners of a drive as arrays: what they carry, their inertia, and their springs."""
+"""The tensioners of a drive as arrays: what they carry, their inertia, springs and loads."""
 
 from typing import NamedTuple
 
@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from beltjax.drive.system import Drive
-from beltjax.numerics.rigid_bodies import Bodies, Placed, placed
+from beltjax.numerics.rigid_bodies import Bodies, Loads, Placed, Weights, placed
 
 Coordinates = Float[Array, " coordinates"]
 
@@ -72,6 +72,19 @@ def mass_matrix(
     spin = jnp.stack([body.inertia_center for body in parts])
     own = jnp.stack(inertias)
     return moved + jnp.einsum("b,ba,bc->ac", spin, turns, turns) + jnp.diag(own)
+
+
+def loads(drive: Drive) -> Loads:
+    """The constant forces on the tensioners of `drive` [N m] or [N], and their weights [N]."""
+    parts = drive.tensioners
+    if not parts:
+        return Loads(jnp.zeros(0), None)
+    constant = jnp.stack([body.force for body in parts])
+    if drive.gravity is None:
+        return Loads(constant, None)
+    mass = jnp.stack([body.mass for body in parts])
+    x, y = jnp.stack([body.mass_center for body in parts]).T
+    return Loads(constant, Weights(x, y, mass * drive.gravity[0], mass * drive.gravity[1]))
 
 
 class Springs(NamedTuple):

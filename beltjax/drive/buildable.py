@@ -212,9 +212,15 @@ class _Loop(NamedTuple):
         return self.faces * self.radii
 
     @property
+    def crossed(self) -> bool:
+        """Whether the belt crosses between two pulleys that turn opposite ways."""
+        return len(self.names) == 2 and self.faces[0] != self.faces[1]
+
+    @property
     def closes(self) -> bool:
-        """Whether the belt turns once round."""
-        return bool(abs(np.sum(self.faces * self.wraps) - 2 * np.pi) <= 1.0)
+        """Whether the belt turns once round, or not at all where it is crossed."""
+        once = 0.0 if self.crossed else 2 * np.pi
+        return bool(abs(np.sum(self.faces * self.wraps) - once) <= 1.0)
 
 
 def _loops(drive: Drive, at: Layout, gaps: Clearances) -> list[_Loop]:
@@ -357,7 +363,7 @@ def _obstruction(of: _Loop) -> Fault | None:
 
 def _crossing(of: _Loop) -> Fault | None:
     pairs = np.argwhere(np.triu(crossings(of.starts, of.ends)))
-    if not len(pairs):
+    if not len(pairs) or of.crossed:
         return None
     first, second = (of.spans[k] for k in pairs[0])
     return Fault(

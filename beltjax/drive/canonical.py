@@ -110,9 +110,16 @@ def _canonical_structure(structure: Any) -> Any:
             ("dampers", "damper", drive.dampers),
         )
     }
+    named["belts"] = tuple(_renamed(b, pitch=None, standard_lengths=()) for b in named["belts"])
     model = _renamed(drive.model, schema=1)
     renamed = _renamed(
-        drive, name=_NAME, pulleys=tuple(pulleys), model=model, units=UnitsOfFile(), **named
+        drive,
+        name=_NAME,
+        pulleys=tuple(pulleys),
+        model=model,
+        units=UnitsOfFile(),
+        origin=(0.0, 0.0),
+        **named,
     )
     return jax.tree.structure(renamed)
 

@@ -24,6 +24,7 @@ COORDINATE = {"rotary": "rad", "linear": "m"}
 STIFFNESS = {"rotary": "N m/rad", "linear": "N/m"}
 DAMPING = {"rotary": "N m s/rad", "linear": "N s/m"}
 INERTIA = {"rotary": "kg m^2", "linear": "kg"}
+FORCE = {"rotary": "N m", "linear": "N"}
 LARGEST_BARE_RADIUS = 5.0  # [m]; above it most bare numbers are millimeters
 
 
@@ -120,7 +121,21 @@ class Belt(Readable):
         default=None,
         metadata=number("m", "clearance is then measured from the belt's faces", at_least=0),
     )
+    allowable_tension: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number(
+            "N",
+            "the maker's limit, of the whole width: `analyze` warns above it, and studies have the "
+            "quantity `tension_reserve`",
+            above=0,
+        ),
+    )
     name: str = eqx.field(static=True, default="belt")
+    # Those of a standard, between which nothing lies, so that nothing is differentiated by them.
+    pitch: float | None = eqx.field(static=True, default=None)  # of the teeth [m]; None: no teeth
+    # Lengths along the neutral axis [m] in which the belt is sold.
+    standard_lengths: tuple[float, ...] = eqx.field(static=True, default=())
 
 
 class Pulley(Readable):
@@ -188,8 +203,9 @@ class Tensioner(Readable):
 
     It turns about `pivot`, counted counterclockwise from the drawn position [rad], or slides along
     `direction`, counted from there [m]. It may sit on another tensioner: `on` then has a 1 at
-    that one's place, which comes before its own. Stiffness 0 leaves it to be held by the belt
-    or by an `ArmSpring`.
+    that one's place, which comes before its own. Stiffness 0 leaves it to be held by the belt,
+    by an `ArmSpring`, by a constant `force`, or by the weight of its `mass` under the drive's
+    gravity.
     """
 
     words: ClassVar = {"kind": KINDS}
@@ -243,7 +259,11 @@ class Tensioner(Readable):
     mass: Float[Array, ""] = eqx.field(
         converter=as_real,
         default=0.0,
-        metadata=number("kg", "of a tensioner that sits on another", at_least=0),
+        metadata=number(
+            "kg",
+            "of a tensioner that sits on another, or that `gravity` pulls; with its pulleys",
+            at_least=0,
+        ),
     )
     mass_center: Float[Array, "2"] = eqx.field(
         converter=as_real,
@@ -254,6 +274,17 @@ class Tensioner(Readable):
         converter=as_real,
         default=0.0,
         metadata=number("kg m^2", "about that center", at_least=0),
+    )
+    force: Float[Array, ""] = eqx.field(
+        converter=as_real,
+        default=0.0,
+        metadata=number(
+            FORCE,
+            "constant, besides its spring, of a weight on a rope or of a cylinder; positive "
+            "counterclockwise, or along `direction`",
+            design=True,
+            rare=True,
+        ),
     )
     locked: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # 1: bolted
     on: Float[Array, " coordinates"] = eqx.field(converter=as_flags, default=())

@@ -275,7 +275,11 @@ def _require_carried(file: DriveTable, bodies: list[Body], path: object) -> list
                 message = f"there is no pulley {name!r}; give one of {', '.join(known)}"
                 raise FileError(path, key, message)
             if name in drivers:
-                raise FileError(path, key, f"found the driver {name!r}; name an idler")
+                message = (
+                    f"found the driver {name!r}; name an idler, or, where a motor swings, mark the "
+                    "driven machine as driver, and give the motor its torque, which is negative"
+                )
+                raise FileError(path, key, message)
             if name in owner:
                 other = owner[name].name
                 message = f"pulley {name!r} is on tensioner {other!r} already; one may carry it"
@@ -364,7 +368,7 @@ def _carried_by(drive: Drive, place: int) -> list[str]:
 def _is_plain_arm(body: Tensioner) -> bool:
     """Whether a tensioner is a free arm about a fixed pivot, without a mass of its own."""
     heavy = any(np.any(np.asarray(getattr(body, field))) for field in _OF_MOVING_PIVOT)
-    bound = float(body.locked) or np.any(np.asarray(body.on))
+    bound = float(body.locked) or np.any(np.asarray(body.on)) or float(body.force)
     return float(body.kind) == KINDS["rotary"] and not heavy and not bound
 
 
@@ -395,7 +399,7 @@ def _numbers_content(body: Tensioner, fields: Iterable[str]) -> dict[str, Any]:
     content = {}
     for field in fields:
         value = getattr(body, field)
-        silent = {"damping": 0.0, "stops": list(NO_STOPS)}.get(field)
+        silent = {"damping": 0.0, "force": 0.0, "stops": list(NO_STOPS)}.get(field)
         if value is not None and _listed(value) != silent:
             content[field] = _listed(value)
     return content
@@ -420,7 +424,7 @@ def _body_content(drive: Drive, place: int, body: Tensioner) -> dict[str, Any]:
         content |= _numbers_content(body, _OF_MOVING_PIVOT)
     if not (heavy or "on" in content) or (body.inertia is not None and float(body.inertia)):
         content |= _numbers_content(body, ("inertia",))
-    content |= _numbers_content(body, ("damping", "stops"))
+    content |= _numbers_content(body, ("damping", "stops", "force"))
     return content | ({"locked": True} if float(body.locked) else {})
 
 

@@ -2,7 +2,8 @@
 
 A drive has the radius to the belt's neutral axis. Makers print diameters: to the neutral axis of
 the belt (pitch diameter), to the effective line of a grooved pulley, or of the smooth face under
-the back of the belt. They print belt lengths along the effective line or along the neutral axis.
+the back of the belt. They print belt lengths along the effective line or along the neutral axis,
+and of toothed belts and their pulleys the numbers of teeth.
 """
 
 import math
@@ -21,7 +22,7 @@ DIAMETERS = {
 }
 OFFSETS = ("pitch_offset", "back_offset")
 _FACES = {"effective_diameter": "grooved", "smooth_diameter": "back"}
-_LENGTHS = ("effective", "pitch")
+_LENGTHS = ("effective", "pitch", "teeth")
 
 
 def in_terms_of_the_drive(content: dict[str, Any], path: object) -> dict[str, Any]:
@@ -38,10 +39,38 @@ def in_terms_of_the_drive(content: dict[str, Any], path: object) -> dict[str, An
     if isinstance(rule, dict) and isinstance(rule.get("belt_length"), dict):
         plain["installation"] = rule | {"belt_length": _lengths(rule["belt_length"], belts, path)}
     if isinstance(content.get("belt"), list):
-        plain["belt"] = [_without(table, OFFSETS) for table in content["belt"]]
+        plain["belt"] = [_belt(table, path) for table in content["belt"]]
     elif "belt" in content:
-        plain["belt"] = _without(content["belt"], OFFSETS)
+        plain["belt"] = _belt(content["belt"], path)
     return plain
+
+
+def _belt(table: Any, path: object) -> Any:
+    """The table of a belt with its pitch and its standard lengths in meters."""
+    if not isinstance(table, dict):
+        return table
+    plain = _without(table, OFFSETS)
+    if "pitch" in table:
+        plain["pitch"] = _of_belt(table, "pitch", path)
+    if "standard_lengths" in table:
+        key = f"{_label(table)}.standard_lengths"
+        plain["standard_lengths"] = _standard_lengths(table["standard_lengths"], table, key, path)
+    return plain
+
+
+def _standard_lengths(given: Any, belt: dict[str, Any], key: str, path: object) -> list[float]:
+    """Lengths along the neutral axis, of a list or of one under `effective`, `pitch` or `teeth`."""
+    kind, values = "pitch", given
+    if isinstance(given, dict) and len(given) == 1 and next(iter(given)) in _LENGTHS:
+        kind, values = next(iter(given.items()))
+        key = f"{key}.{kind}"
+    if not isinstance(values, list):
+        message = f"found {shown(given)}; give a list, or {{ effective = [..] }}, pitch or teeth"
+        raise FileError(path, key, message)
+    return [
+        _along_neutral_axis(kind, value, belt, f"{key}[{place}]", path)
+        for place, value in enumerate(values)
+    ]
 
 
 def _tables(value: Any) -> Iterator[dict[str, Any]]:
@@ -63,22 +92,28 @@ def _pulley(table: Any, belts: dict[Any, dict[str, Any]], path: object) -> Any:
     name = f"pulley.{table.get('name', '')}"
     if "groove_angle" in table:
         table = _in_groove(table, name, path)
-    given = [key for key in ("radius", *DIAMETERS) if key in table]
+    belt = belts.get(table.get("belt"), next(iter(belts.values()), {}))
+    if "pitch" in belt and "friction" in table:
+        message = f"the toothed belt ({_label(belt)}.pitch) does not slip; remove this"
+        raise FileError(path, f"{name}.friction", message)
+    given = [key for key in ("radius", *DIAMETERS, "teeth") if key in table]
     if given in ([], ["radius"]):
         return table
     key = given[-1]
     if len(given) > 1:
         raise FileError(path, f"{name}.{key}", f"{given[0]} is given, too; give one of them")
+    if key == "teeth":
+        around = _along_neutral_axis(key, table[key], belt, f"{name}.{key}", path)
+        return _without(table, (key,)) | {"radius": around / (2 * math.pi)}
     face = _FACES.get(key)
     if face and table.get("face") in ("grooved", "back") and table["face"] != face:
         other = next(other for other in _FACES if other != key)
         message = f"belongs to a pulley with face = {face!r}; give {other} or diameter"
         raise FileError(path, f"{name}.{key}", message)
-    belt = belts.get(table.get("belt"), next(iter(belts.values()), {}))
     offset = DIAMETERS[key]
     radius = _length(table[key], f"{name}.{key}", path) / 2
     if offset:
-        radius += _offset(belt, offset, path)
+        radius += _of_belt(belt, offset, path)
     return _without(table, (key,)) | {"radius": radius}
 
 
@@ -113,21 +148,48 @@ def _lengths(
 def _neutral_length(given: dict[str, Any], belt: dict[str, Any], label: str, path: object) -> float:
     key = f"installation.belt_length{label}"
     if len(given) != 1 or next(iter(given)) not in _LENGTHS:
-        message = f"found {shown(given)}; give {{ effective = .. }} or {{ pitch = .. }}"
-        raise FileError(path, key, message)
+        message = f"found {shown(given)}; give {{ effective = .. }}, {{ pitch = .. }}"
+        raise FileError(path, key, f"{message} or {{ teeth = .. }}")
     kind, value = next(iter(given.items()))
-    length = _length(value, f"{key}.{kind}", path)
+    return _along_neutral_axis(kind, value, belt, f"{key}.{kind}", path)
+
+
+def _along_neutral_axis(
+    kind: str, value: Any, belt: dict[str, Any], key: str, path: object
+) -> float:
+    """A length once round, of a belt or of a pulley's pitch circle, as it is given by its kind."""
+    if kind == "teeth":
+        if type(value) is not int or value < 1:
+            message = f"found {shown(value)}; give the number of teeth, a whole one above 0"
+            raise FileError(path, key, message)
+        return value * _of_belt(belt, "pitch", path)
+    length = _length(value, key, path)
     # The belt turns once round, so that the neutral axis is longer by one turn of the offset.
-    return length + 2 * math.pi * _offset(belt, OFFSETS[0], path) if kind == "effective" else length
+    return (
+        length + 2 * math.pi * _of_belt(belt, OFFSETS[0], path) if kind == "effective" else length
+    )
 
 
-def _offset(belt: dict[str, Any], key: str, path: object) -> float:
-    label = f"belt.{belt['name']}.{key}" if "name" in belt else f"belt.{key}"
+def _label(belt: dict[str, Any]) -> str:
+    return f"belt.{belt['name']}" if "name" in belt else "belt"
+
+
+# What a belt has for the sake of other keys, in the words of the message where it is missing.
+_OF_BELTS = {
+    "pitch_offset": "the distance from the belt's effective line to its neutral axis",
+    "back_offset": "the distance from the belt's back face to its neutral axis",
+    "pitch": "the distance from tooth to tooth",
+}
+
+
+def _of_belt(belt: dict[str, Any], key: str, path: object) -> float:
+    label = f"{_label(belt)}.{key}"
     if key not in belt:
-        which = "effective line" if key == OFFSETS[0] else "back face"
-        message = f"is missing; add the distance from the belt's {which} to its neutral axis"
-        raise FileError(path, label, message)
-    return _length(belt[key], label, path)
+        raise FileError(path, label, f"is missing; add {_OF_BELTS[key]}")
+    found = _length(belt[key], label, path)
+    if key == "pitch" and not found > 0:
+        raise FileError(path, label, f"found {shown(belt[key])}; must be greater than 0")
+    return found
 
 
 def _length(value: Any, key: str, path: object) -> float:

@@ -37,6 +37,7 @@ class Wheels:
         self.names = [pulley.name for pulley in self.pulleys]
         self.driver = _driver(self.pulleys, path)
         self._require_spans(path)
+        self.turned_back = self._turned_back(file, path)
         self.partners = [self._partner(pulley, path) for pulley in self.pulleys]
         places = joined_shafts(list(zip(self.names, self.partners, strict=True)))
         self.shafts = [[self.names[place] for place in shaft] for shaft in places]
@@ -66,6 +67,25 @@ class Wheels:
         if repeated is not None:
             message = f"two spans would be called {repeated!r}; rename a pulley"
             raise FileError(path, "pulley", message)
+
+    def _turned_back(self, file: DriveTable, path: object) -> set[str]:
+        """Names of the second pulleys of crossed belts, which turn against the first."""
+        found = set()
+        for belt in file.belts:
+            on = [p for p in self.pulleys if p.belt in (None, belt.name)]
+            alike = len({pulley.face for pulley in on}) == 1
+            label = "belt" if len(self.belts) == 1 else f"belt.{belt.name}"
+            if belt.crossed and (len(on) != 2 or on[0].face != "grooved" or not alike):
+                message = "belongs to a belt on two pulleys, both with face = 'grooved'; remove it"
+                raise FileError(path, f"{label}.crossed", message)
+            if not belt.crossed and len(on) == 2 and not alike:
+                message = (
+                    "the belt of two pulleys on different faces crosses itself; give both "
+                    f"'grooved', and {label}.crossed = true if it shall"
+                )
+                raise FileError(path, f"pulley.{on[1].name}.face", message)
+            found |= {on[1].name} if belt.crossed else set()
+        return found
 
     def _partner(self, pulley: PulleyTable, path: object) -> str | None:
         """A pulley on the same shaft: the one that is named, or the first with the same word."""
@@ -193,7 +213,7 @@ def pulleys_of(wheels: Wheels, of: BodiesOfFile, path: object) -> list[Pulley]:
         made.append(
             Pulley(
                 name=pulley.name,
-                face=pulley.face,
+                face="back" if pulley.name in wheels.turned_back else pulley.face,
                 driver=pulley.driver,
                 on=on,
                 housed=pulley.housing == "arm",
@@ -267,10 +287,12 @@ def _own_name(given: str | None, pulley: str, used: list[str], key: str, path: o
 def pulleys_content(drive: Drive) -> dict[str, Any]:
     """The keys of belts, pulleys, isolators and dampers of the file of a drive."""
     names = drive.pulley_names
+    crossed = [float(flag) > 0 for flag in drive.loops.crossed(drive.faces)]
     belts = [
-        ({} if belt.name == "belt" else {"name": belt.name}) | numbers_content(belt)
-        for belt in drive.belts
+        _belt_content(belt) | ({"crossed": True} if flag else {})
+        for belt, flag in zip(drive.belts, crossed, strict=True)
     ]
+    sides = zip(drive.pulleys, drive.belt_of_span, strict=True)
     isolators, dampers = [], []
     for part in drive.isolators:
         on = [name for name, flag in zip(names, part.pulleys.tolist(), strict=True) if flag]
@@ -283,7 +305,7 @@ def pulleys_content(drive: Drive) -> dict[str, Any]:
         dampers.append(name | {"pulley": pulley} | at | numbers_content(part))
     content = {
         "belt": belts[0] if len(belts) == 1 and "name" not in belts[0] else belts,
-        "pulley": [_pulley_content(pulley) for pulley in drive.pulleys],
+        "pulley": [_pulley_content(pulley, crossed[belt]) for pulley, belt in sides],
         "isolator": isolators,
         "damper": dampers,
     }
@@ -294,12 +316,12 @@ def _name_content(name: str, pulley: str) -> dict[str, str]:
     return {} if name == pulley else {"name": name}
 
 
-def _pulley_content(pulley: Pulley) -> dict[str, Any]:
+def _pulley_content(pulley: Pulley, crossed: bool) -> dict[str, Any]:
     content: dict[str, Any] = {"name": pulley.name} | numbers_content(pulley)
     for key in ("radius", "rim_radius"):
         if content.get(key, 0.0) > LARGEST_BARE_RADIUS:
             content[key] = f"{content[key]!r} m"
-    content["face"] = word(SIDES, pulley.face)
+    content["face"] = "grooved" if crossed else word(SIDES, pulley.face)
     content |= {"belt": pulley.belt, "shaft": pulley.shaft}
     content |= {"driver": True if float(pulley.driver) else None}
     content |= {"housing": "arm" if float(pulley.housed) else None}
@@ -326,4 +348,20 @@ def listed_content(drive: Drive) -> str | dict[str, str]:
 
 def belts_of(file: DriveTable) -> list[Belt]:
     """The belts of a file."""
-    return [Belt(name=belt.name, **given_numbers(belt, Belt)) for belt in file.belts]
+    return [
+        Belt(
+            name=belt.name,
+            pitch=belt.pitch,
+            standard_lengths=tuple(sorted(belt.standard_lengths or ())),
+            **given_numbers(belt, Belt),
+        )
+        for belt in file.belts
+    ]
+
+
+def _belt_content(belt: Belt) -> dict[str, Any]:
+    content: dict[str, Any] = {} if belt.name == "belt" else {"name": belt.name}
+    content |= numbers_content(belt)
+    content |= {} if belt.pitch is None else {"pitch": belt.pitch}
+    lengths = list(belt.standard_lengths)
+    return content | ({"standard_lengths": lengths} if lengths else {})

@@ -13,6 +13,7 @@ from beltjax.drive.installation import (
     AdjustedToTension,
     BeltGiven,
     Installation,
+    Preloaded,
     TensionGiven,
 )
 from beltjax.drive.system import Drive
@@ -27,7 +28,7 @@ _KEY = "installation"
 def read_installation(file: DriveTable, of: BodiesOfFile, path: object) -> Installation:
     """The installation rule of a file; raises `FileError`."""
     rule, belts = file.installation, [belt.name for belt in file.belts]
-    _require_keys(rule, of, len(belts), path)
+    _require_keys(rule, of, len(belts), _loaded(file, of), path)
     free_angle = rule.number("free_angle")
     if rule.free and not of.bodies:
         raise FileError(path, f"{_KEY}.free", "there is no tensioner; remove it")
@@ -38,6 +39,8 @@ def read_installation(file: DriveTable, of: BodiesOfFile, path: object) -> Insta
     length = _by_belt(
         rule.belt_length, numbers(BeltGiven)["belt_length"], "belt_length", belts, path
     )
+    if tension is None and length is None:
+        return Preloaded(_free(rule, of, path))
     if length is None:
         free = _free(rule, of, path)
         _require_settled(of, free, path)
@@ -56,7 +59,17 @@ def read_installation(file: DriveTable, of: BodiesOfFile, path: object) -> Insta
     return AdjustedToMark(length, _every_free(rule, of, path), adjusted, marked, mark)
 
 
-def _require_keys(rule: RuleTable, of: BodiesOfFile, belts: int, path: object) -> None:
+def _loaded(file: DriveTable, of: BodiesOfFile) -> bool:
+    """Whether springs, forces or weights may give the tension."""
+    heavy = file.number("gravity") is not None
+    return bool(file.installation.free) or any(
+        body.numbers.get("force") or (heavy and body.numbers.get("mass")) for body in of.bodies
+    )
+
+
+def _require_keys(
+    rule: RuleTable, of: BodiesOfFile, belts: int, loaded: bool, path: object
+) -> None:
     """Raise `FileError` for keys that are missing, or that do not go together."""
     tension, length = rule.tension is not None, rule.belt_length is not None
     adjust, until = rule.adjust is not None, rule.until is not None
@@ -64,7 +77,7 @@ def _require_keys(rule: RuleTable, of: BodiesOfFile, belts: int, path: object) -
     one = "give exactly one of them"
     faults = {
         "": {
-            f"found neither tension nor belt_length; {one}": not (tension or length),
+            f"found neither tension nor belt_length; {one}": not (tension or length or loaded),
             f"found both tension and belt_length; {one}, or adjust beside both": (
                 tension and length and not adjust
             ),
@@ -285,7 +298,7 @@ def _free_content(drive: Drive) -> dict[str, float] | None:
         for part, value in zip(parts, np.asarray(rule.free).tolist(), strict=True)
         if not np.isnan(value)
     }
-    if isinstance(rule, TensionGiven | AdjustedToTension):
+    if isinstance(rule, TensionGiven | AdjustedToTension | Preloaded):
         return given
     # Where all must be given, a file may leave out those that have no effect.
     idle = [part.name for part in parts if not float(part.stiffness)]

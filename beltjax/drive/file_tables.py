@@ -13,6 +13,7 @@ from beltjax.drive.components import ArmSpring, Belt, Damper, Isolator, Pulley, 
 from beltjax.drive.installation import BeltGiven, TensionGiven
 from beltjax.drive.loads import Load
 from beltjax.drive.operation import ExcitationGiven, OperatingPoint
+from beltjax.drive.system import Drive
 from beltjax.files.tables import (
     Table,
     meaning,
@@ -30,13 +31,38 @@ Two = Field(min_length=2, max_length=2)
 class BeltTable(Table):
     """[belt] or [[belt]]."""
 
+    translated = ("pitch_offset", "back_offset")
     name: Annotated[str, meaning("of its own, where there are several")] = "belt"
+    pitch: Annotated[
+        Annotated[float, Field(gt=0)] | None,
+        meaning(
+            "optional: from tooth to tooth of a toothed belt. It does not slip, so that its "
+            "pulleys have no friction",
+            "m",
+        ),
+    ] = None
+    crossed: Annotated[
+        bool,
+        meaning(
+            "`true` where it crosses between its two pulleys, which then turn opposite ways; both "
+            'are given as `"grooved"`'
+        ),
+    ] = False
+    standard_lengths: Annotated[
+        Annotated[list[Annotated[float, Field(gt=0)]], Field(min_length=1)] | None,
+        meaning(
+            "optional: a list of the lengths along the neutral axis in which the belt is sold, for "
+            "`beltjax layout`; of a toothed belt without one every whole number of teeth",
+            "m",
+        ),
+    ] = None
 
 
 @numbers_of(Pulley)
 class PulleyTable(Table):
     """[[pulley]]."""
 
+    translated = ("diameter", "effective_diameter", "smooth_diameter", "teeth", "groove_angle")
     name: Annotated[str, meaning("of its own")]
     face: Annotated[
         Literal["grooved", "back"],
@@ -78,12 +104,14 @@ class PulleyTable(Table):
 class ArmTable(Table):
     """[tensioner]: one rotary arm, whose stops are directions."""
 
+    translated = ("preload", "at_angle")
     pulley: Annotated[str, meaning("the name of the pulley it carries")]
 
 
 class CarrierTable(Table):
     """What every [[tensioner]] has."""
 
+    translated = ("preload", "at_angle")
     name: Annotated[str | None, meaning("of its own, where there are several")] = None
     kind: Annotated[
         Literal["rotary", "linear", "twin-arm"],
@@ -116,6 +144,13 @@ def _of_both_arms(value: Any) -> Any:
     """Stops for each of two arms, where one pair is given for both."""
     pair = isinstance(value, list) and not any(isinstance(part, list) for part in value)
     return [value, value] if pair and len(value) == 2 else value
+
+
+def _length(value: Any) -> float:
+    try:
+        return to_si(value, "m")
+    except ValueError as error:
+        raise PydanticCustomError("unit", "{text}", {"text": str(error)}) from error
 
 
 def _direction(value: Any) -> list[float]:
@@ -341,6 +376,7 @@ OneBody = Annotated[
 ]
 
 
+@numbers_of(Drive, only=("gravity",))
 class DriveTable(Table):
     """A drive file."""
 
@@ -358,6 +394,15 @@ class DriveTable(Table):
             "simple path"
         ),
     ] = None
+    origin: Annotated[
+        Annotated[list[Annotated[float, BeforeValidator(_length)]], Two] | None,
+        meaning(
+            "optional: `[x, y]`, the point of the site from which the file's coordinates are "
+            "counted. Coordinates far from their origin are read with all their digits, and "
+            "counted from a point near the drive: a saved file has that one",
+            "m",
+        ),
+    ] = None
     belt: Annotated[
         Annotated[BeltTable, Tag("OneTable")] | Annotated[list[BeltTable], Tag("SeveralTable")],
         Discriminator(_one_or_several),
@@ -373,7 +418,7 @@ class DriveTable(Table):
     arm_spring: Annotated[list[ArmSpringTable], Field(default_factory=list)]
     isolator: Annotated[list[IsolatorTable], Field(default_factory=list)]
     damper: Annotated[list[DamperTable], Field(default_factory=list)]
-    installation: RuleTable
+    installation: Annotated[RuleTable, Field(default_factory=RuleTable)]
     operation: OperationTable | None = None
     duty: Annotated[list[DutyTable], Field(default_factory=list)]
     excitation: ExcitationTable | None = None

@@ -26,6 +26,8 @@ from beltjax.drive.file_operation import (
     operation_content,
     read_operation,
 )
+from beltjax.drive.file_origin import near_the_origin
+from beltjax.drive.file_preloads import springs_as_positions
 from beltjax.drive.file_pulleys import (
     Wheels,
     belts_of,
@@ -41,6 +43,7 @@ from beltjax.drive.file_tables import DriveTable, ModelTable
 from beltjax.drive.file_units import units_used
 from beltjax.drive.numbers import SPEEDS
 from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.preloaded import require_tension
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
 from beltjax.files.reading import read_toml
@@ -125,6 +128,10 @@ def load_geometry(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint, 
     operation = content.get("operation", {})
     given = isinstance(operation, dict) and any(f"operation.{key}" in SPEEDS for key in operation)
     given = given or "duty" in content  # of which each has a speed
+    near, origin = near_the_origin(content)
+    content = springs_as_positions(near, path)
+    if any(origin):
+        content = content | {"origin": list(origin)}
     drive, runs = _described(_with_stand_ins(content, given), path)
     return drive, runs.point, given
 
@@ -162,7 +169,9 @@ def _filled(tables: Any, numbers: dict[str, float]) -> Any:
 def _described(content: dict[str, Any], path: str | os.PathLike[str]) -> tuple[Drive, Runs]:
     """The drive of a file's content, and how it runs."""
     require_one_arm(content, path)
-    file = validated(DriveTable, in_terms_of_the_drive(content, path), path)
+    near, origin = near_the_origin(content)
+    plain = springs_as_positions(in_terms_of_the_drive(near, path), path)
+    file = validated(DriveTable, plain, path)
     wheels = Wheels(file, path)
     of = read_bodies(file, wheels.shafts, path)
     runs = read_operation(file, wheels, path)
@@ -177,9 +186,13 @@ def _described(content: dict[str, Any], path: str | os.PathLike[str]) -> tuple[D
         dampers=dampers_of(file, wheels, path),
         model=_model(file),
         name=file.name,
+        gravity=file.number("gravity"),
+        origin=origin if file.origin is None else (file.origin[0], file.origin[1]),
     )
     drive = dataclasses.replace(drive, units=units_used(content, drive))
-    return require_possible_layout(drive, listed, path), runs
+    drive = require_possible_layout(drive, listed, path)
+    require_tension(drive, runs.point, path)
+    return drive, runs
 
 
 def save_drive(
@@ -225,7 +238,9 @@ def drive_content(
         "model": _model_content(drive.model) or None,
         **pulleys_content(drive),
         **bodies_content(drive),
-        "installation": installation_content(drive),
+        "origin": list(drive.origin) if any(drive.origin) else None,
+        "gravity": None if drive.gravity is None else np.asarray(drive.gravity).tolist(),
+        "installation": installation_content(drive) or None,
         "operation": operation_content(point),
         "duty": duties_content(point, duties or {}) or None,
         "excitation": excitation_content(point),

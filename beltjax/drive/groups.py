@@ -41,7 +41,7 @@ class Groups(eqx.Module):
     slopes: Float[Array, "spans coordinates"]  # a: d(w_i(1) - w_i(0)), w over l_i
     lifts: Float[Array, "spans coordinates"]  # W0: d(w_i(0))
     curvatures: Float[Array, "spans coordinates coordinates"]  # H; 0 where the model leaves it out
-    springs: Float[Array, "coordinates coordinates"]
+    springs: Float[Array, "coordinates coordinates"]  # stiffness of springs and weights
     movable: Float[Array, " coordinates"]  # 0 where locked
     ways: Float[Array, "coordinates 2"]  # to the stops, from the reference state
     stop_forces: Float[Array, " coordinates"]  # of the stops at rest
@@ -142,7 +142,10 @@ def groups_and_scales(
         slopes=at.span_turns * units / lengths[:, None],
         lifts=at.lifts * units / lengths[:, None],
         curvatures=at.curvatures * counted * by[:, None] * units,
-        springs=of_springs.matrix * units[:, None] * units / energy,
+        springs=(of_springs.matrix + made.loads.stiffness(of, at.coordinates))
+        * units[:, None]
+        * units
+        / energy,
         movable=1.0 - of.locked,
         ways=ways(of.stops, at.coordinates, units),
         stop_forces=stop_forces * units / energy,

@@ -1,4 +1,4 @@
-"""Installation rules: a tension is given, or the belt and the springs' relaxed positions."""
+"""Installation rules: a tension is given, or the belt, the springs' relaxed positions, or both."""
 
 import equinox as eqx
 from jaxtyping import Array, Float
@@ -82,6 +82,18 @@ class BeltGiven(Readable):
     )
 
 
+class Preloaded(Readable):
+    """The drawn layout is the torque-free state, and springs, weights and forces give its tension.
+
+    `free` is the coordinate at which each spring is relaxed, NaN for one that follows: on each belt
+    the bodies that no such spring holds balance it. Belt lengths follow.
+    """
+
+    free: Float[Array, " springs"] | None = eqx.field(
+        converter=as_optional, default=None, metadata=_FREE
+    )
+
+
 class AdjustedToTension(Readable):
     """A locked tensioner is moved until the given belt has the given tension, and bolted.
 
@@ -115,4 +127,4 @@ class AdjustedToMark(Readable):
     )
 
 
-Installation = TensionGiven | BeltGiven | AdjustedToTension | AdjustedToMark
+Installation = TensionGiven | BeltGiven | Preloaded | AdjustedToTension | AdjustedToMark

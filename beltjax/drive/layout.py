@@ -178,7 +178,8 @@ def layout(
     docs/theory/geometry.md, (G1) to (G6).
 
     The result is a failure with `no_tangent`, `contact_lost` (a wrap that is not positive) or
-    `path_not_simple` (a path that does not go round once, or spans that cross). With `throw=False`
+    `path_not_simple` (a path that does not go round once, or spans that cross; of two pulleys on
+    different faces the belt is a crossed one, whose spans do). With `throw=False`
     read `.result`: the values of a failed layout are finite, and their derivatives are zero.
 
     Args:
@@ -215,14 +216,15 @@ def laid_out(of: Outline, loops: Loops, at: Float[Array, " coordinates"]) -> Lay
     foot = of.faces * of.radii
     starts = centers - foot[:, None] * normals
     ends = loops.following(centers) - loops.following(foot)[:, None] * normals
-    turned_round = loops.sums(of.faces * path.wraps)
-    same_belt = loops.members.T @ loops.members
+    crossed = loops.crossed(of.faces)
+    turned_round, once = loops.sums(of.faces * path.wraps), 2 * jnp.pi * (1 - crossed)
+    plain = loops.spread(1 - crossed)[:, None] * (loops.members.T @ loops.members)
     result = first_failure(
         (jnp.any(~path.exists), RESULTS.no_tangent),
-        (jnp.any(jnp.abs(turned_round - 2 * jnp.pi) > 1.0), RESULTS.path_not_simple),
+        (jnp.any(jnp.abs(turned_round - once) > 1.0), RESULTS.path_not_simple),
         (jnp.any(path.wraps <= 0), RESULTS.contact_lost),
-        # Two belts run in planes of their own.
-        (jnp.any(crossings(starts, ends) & (same_belt > 0)), RESULTS.path_not_simple),
+        # Two belts run in planes of their own, and so do the two spans of a crossed one.
+        (jnp.any(crossings(starts, ends) & (plain > 0)), RESULTS.path_not_simple),
     )
     found = Layout(
         centers=centers,
@@ -302,13 +304,16 @@ def _wraps(
 ) -> Float[Array, " pulleys"]:
     """Angle by which each pulley turns the belt, positive where it touches it.
 
-    It is taken in (-90, 270) degrees. Only a large pulley close to a small one has a larger wrap;
-    it is recognized because the belt would otherwise not turn round at all.
+    It is taken in (-90, 270) degrees, of a crossed belt in (0, 360). Only a large pulley close to a
+    small one has a larger wrap; it is recognized because the belt would otherwise not turn round at
+    all.
     """
     before_x, before_y = loops.preceding(along_x), loops.preceding(along_y)
     cross = before_x * along_y - before_y * along_x
     turn = of.faces * of.senses * jnp.arctan2(cross, before_x * along_x + before_y * along_y)
-    turn = jnp.where(turn < -jnp.pi / 2, turn + 2 * jnp.pi, turn)
+    # A crossed belt turns by more than half round on both of its pulleys.
+    least_turn = loops.spread(loops.crossed(of.faces) - 1) * jnp.pi / 2
+    turn = jnp.where(turn < least_turn, turn + 2 * jnp.pi, turn)
     unturned = jnp.abs(loops.spread(loops.sums(of.faces * turn))) < 1.0
     starts = loops.starts
     least = jnp.stack(

@@ -80,6 +80,8 @@ def _places(drive: Drive) -> Iterator[Place]:
     for i, part in enumerate(drive.dampers):
         yield from _of_part(f"damper.{part.name}", part, "dampers", i)
     yield from _of_installation(drive, kinds)
+    if drive.gravity is not None:
+        yield Place("gravity", numbers(Drive)["gravity"], None, lambda drive: drive.gravity)
 
 
 def tensioner_key(drive: Drive, place: int) -> str:
@@ -124,7 +126,8 @@ def _silent(part: Any, name: str) -> bool:
         return _silent(part, fact.beside)
     field = next(field for field in dataclasses.fields(part) if field.name == name)
     value, default = concrete(getattr(part, name)), cast(Any, field.default)
-    if fact.required or fact.kinds or fact.design or value is None or default is None:
+    told = fact.required or fact.kinds or (fact.design and not fact.rare)
+    if told or value is None or default is None:
         return False
     return np.array_equal(value, np.broadcast_to(default, value.shape))
 
@@ -222,7 +225,7 @@ def variable_names(drive: Drive) -> list[str]:
     Returns:
         Keys of the drive file, such as "pulley.NAME.radius" and "tensioner.angle".
     """
-    names = [place.key for place in _scalars(drive) if place.fact.design]
+    names = [place.key for place in _scalars(drive) if place.fact.design and not place.silent]
     return [*names, *_arm_keys(drive)]
 
 

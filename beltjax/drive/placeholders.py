@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool
 
 from beltjax.drive.bodies import bodies, springs
 from beltjax.drive.components import NO_STOPS
-from beltjax.drive.installation import TensionGiven
+from beltjax.drive.installation import Preloaded, TensionGiven
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.shafts import transmission
 from beltjax.drive.system import Drive
@@ -23,7 +23,10 @@ def numbers_are_usable(drive: Drive, point: OperatingPoint) -> Bool[Array, ""]:
     positive: list[Any] = [drive.radii]
     positive += [belt.axial_stiffness for belt in drive.belts]
     positive += [belt.mass_per_length for belt in drive.belts]
-    positive += [rule.tension if isinstance(rule, TensionGiven) else rule.belt_length]
+    if isinstance(rule, TensionGiven):
+        positive.append(rule.tension)
+    elif not isinstance(rule, Preloaded):
+        positive.append(rule.belt_length)
     not_negative = [belt.bending_stiffness for belt in drive.belts]
     not_negative += [body.stiffness for body in drive.tensioners]
     # Stops may be infinite, and free positions that are not given are NaN.

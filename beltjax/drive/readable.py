@@ -20,6 +20,7 @@ _LONGEST = 8  # numbers of an array that are shown
 
 # SI units of the fields of results; the units of a drive's numbers stand on their fields.
 _UNITS_OF_RESULTS = {
+    "pitch": "m",
     "span_lengths": "m",
     "unstretched_span_lengths": "m",
     "wraps": "rad",

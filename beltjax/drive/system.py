@@ -20,6 +20,7 @@ from beltjax.drive.components import (
     Model,
     Pulley,
     Tensioner,
+    as_optional,
     as_sense,
     concrete,
     require_shape,
@@ -27,6 +28,7 @@ from beltjax.drive.components import (
 from beltjax.drive.installation import BeltGiven, Installation, TensionGiven
 from beltjax.drive.readable import Readable
 from beltjax.drive.units_of_file import UnitsOfFile
+from beltjax.files.fields import number
 from beltjax.numerics.loops import Loops
 
 
@@ -66,6 +68,18 @@ class Drive(Readable):
     sense: Float[Array, "*belts"] = eqx.field(converter=as_sense)  # of several belts, each
     name: str = eqx.field(static=True)
     units: UnitsOfFile = eqx.field(static=True)  # in which the drive's file gives its numbers
+    # The point of the site from which all coordinates are counted [m].
+    origin: tuple[float, float] = eqx.field(static=True, default=(0.0, 0.0))
+    gravity: Float[Array, "2"] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number(
+            "m/s^2",
+            "`[x, y]`, such as `[0, -9.81]`: pulls every tensioner that has a `mass`, at its "
+            "`mass_center`",
+            parts=("x", "y"),
+        ),
+    )
 
     def __init__(
         self,
@@ -83,6 +97,8 @@ class Drive(Readable):
         dampers: Sequence[Damper] = (),
         model: Model | None = None,
         units: UnitsOfFile | None = None,
+        gravity: Any = None,
+        origin: tuple[float, float] = (0.0, 0.0),
     ):
         if installation is None:
             raise ValueError("A drive needs an installation: TensionGiven, BeltGiven or another.")
@@ -101,7 +117,8 @@ class Drive(Readable):
         )
         self.units = UnitsOfFile() if units is None else units
         self.model = Model() if model is None else model
-        self.sense, self.name = sense, name
+        self.sense, self.name, self.gravity = sense, name, gravity
+        self.origin = (float(origin[0]), float(origin[1]))
 
     def __check_init__(self):
         if not self.belts:

@@ -24,6 +24,7 @@ class Number(NamedTuple):
     largest_bare: float | None = None  # larger ones are written with their unit
     unbounded: bool = False  # it may be infinite
     design: bool = False  # an optimizer may choose it
+    rare: bool = False  # listings leave it out where it has its default, of a `design` number, too
     parts: tuple[str, ...] = ()  # what the numbers of a vector are called
     kinds: tuple[str, ...] = ()  # of owners to which it means something; of all where empty
     beside: str | None = None  # another number without which it means nothing

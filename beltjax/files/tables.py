@@ -3,7 +3,7 @@
 import difflib
 import math
 from collections.abc import Callable, Iterable, Mapping
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
 from pydantic_core import PydanticCustomError
@@ -16,7 +16,7 @@ from beltjax.files.units import shown, to_si
 _FOREIGN_KEYS = {
     "pitch_diameter": "give diameter, which is to the neutral axis of the belt",
     "outside_diameter": "give effective_diameter or smooth_diameter",
-    "teeth": "give radius: teeth times pitch over 2 pi",
+    "teeth": "give belt_length = { teeth = .. } in [installation], and teeth of each pulley",
     "x": "give center = [x, y]",
     "y": "give center = [x, y]",
     "position": "give center = [x, y]",
@@ -87,6 +87,8 @@ class Table(BaseModel):
     """A table of a file: no key but those named."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+    # Keys of the file that are put in terms of others before the table is read.
+    translated: ClassVar[tuple[str, ...]] = ()
 
     def number(self, name: str) -> Any:
         """A number that `numbers_of` gave the table; None where it is absent."""
@@ -194,11 +196,13 @@ def _message(error: Any, table: type[Table]) -> str:
         return "is missing; add it"
     if kind == "extra_forbidden":
         word = str(error["loc"][-1])
+        known = _all_keys(table)
         if word in _FOREIGN_KEYS:
-            return f"is not a known key; {_FOREIGN_KEYS[word]}"
-        if word in _all_keys(table):
+            lead = "is not a key of this table" if word in known else "is not a known key"
+            return f"{lead}; {_FOREIGN_KEYS[word]}"
+        if word in known:
             return "is not a key of this table; remove it"
-        close = difflib.get_close_matches(word, sorted(_all_keys(table)), n=1)
+        close = difflib.get_close_matches(word, sorted(known), n=1)
         return "is not a known key; " + (f"did you mean {close[0]!r}?" if close else "remove it")
     if kind == "greater_than":
         return f"found {shown(found)}; must be greater than {error['ctx']['gt']:g}"
@@ -223,6 +227,7 @@ def _all_keys(table: type[Table]) -> set[str]:
         kind = pending.pop()
         if isinstance(kind, type) and issubclass(kind, Table):
             keys |= {field.alias or name for name, field in kind.model_fields.items()}
+            keys |= set(kind.translated)
             pending += [field.annotation for field in kind.model_fields.values()]
         else:
             pending += list(getattr(kind, "__args__", ()))

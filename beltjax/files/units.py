@@ -3,6 +3,7 @@
 import functools
 import math
 import re
+from decimal import Decimal
 from fractions import Fraction
 from typing import Any
 
@@ -87,6 +88,23 @@ def to_si(value: Any, unit: str) -> float:
     if not math.isfinite(number):
         raise ValueError(f"found {shown(value)}, which is not finite; give {wanted}")
     return number
+
+
+def decimal_meters(value: Any) -> Decimal | None:
+    """A length in m with every digit that is written; None for what is no length."""
+    if isinstance(value, bool):
+        return None
+    if isinstance(value, int | float):
+        # The shortest text that reads back the same has the digits that were written, up to 15.
+        return Decimal(repr(value)) if math.isfinite(value) else None
+    parts = _NUMBER_WITH_UNIT.fullmatch(value) if isinstance(value, str) else None
+    if parts is None or len(value) > _LONGEST:
+        return None
+    try:
+        factor = to_si(f"1 {parts[2]}", "m")
+    except ValueError:
+        return None
+    return Decimal(parts[1]) * Decimal(repr(factor))
 
 
 def si_of_text(text: str, unit: str) -> float:

@@ -78,3 +78,13 @@ class Loops:
         if len(self.sizes) == 1:
             return jnp.broadcast_to(values, (self.sizes[0],))
         return jnp.repeat(values, np.array(self.sizes), total_repeat_length=sum(self.sizes))
+
+    def crossed(self, sides: Float[Array, " n"]) -> Float[Array, " loops"]:
+        """1 for a loop of two pulleys on different sides of the belt, which crosses between them.
+
+        `sides` are +1 or -1 for each pulley.
+        """
+        if 2 not in self.sizes:
+            return jnp.zeros(len(self.sizes))
+        two = np.array(self.sizes) == 2
+        return jnp.where(two & (self.sums(sides) == 0), 1.0, 0.0)

@@ -39,6 +39,40 @@ def holding_stop(of: Bodies, at: Coordinates, force: Coordinates) -> Coordinates
     return jnp.where(of.locked > 0, 0.0, held)
 
 
+class Weights(NamedTuple):
+    """Forces at the bodies' centers of mass, which move with them."""
+
+    x: Coordinates  # centers, as drawn
+    y: Coordinates
+    force_x: Coordinates
+    force_y: Coordinates
+
+
+class Loads(NamedTuple):
+    """Forces on the bodies from outside: constant ones by their coordinates, and weights."""
+
+    constant: Coordinates
+    weights: Weights | None  # None: without gravity
+
+    def push(self, of: Bodies, at: Coordinates) -> Coordinates:
+        """Force on each coordinate, in the sense in which it is counted."""
+        if self.weights is None:
+            return self.constant
+        x, y, force_x, force_y = self.weights
+        there = placed(of, x, y, of.above, at)
+        return self.constant + force_x @ there.by_x + force_y @ there.by_y
+
+    def stiffness(
+        self, of: Bodies, at: Coordinates
+    ) -> Float[Array, "coordinates coordinates"] | float:
+        """Derivatives of the force against each coordinate by the coordinates."""
+        if self.weights is None:
+            return 0.0
+        x, y, force_x, force_y = self.weights
+        there = placed(of, x, y, of.above, at)
+        return -jnp.tensordot(force_x, there.twice_x, 1) - jnp.tensordot(force_y, there.twice_y, 1)
+
+
 class Placed(NamedTuple):
     """Points and pivots moved by the coordinates, with the points' derivatives by them."""
 

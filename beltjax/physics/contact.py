@@ -22,7 +22,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from beltjax.numerics.loops import Loops
-from beltjax.numerics.rigid_bodies import Bodies, Coordinates, Placed, placed
+from beltjax.numerics.rigid_bodies import Bodies, Coordinates, Loads, Placed, placed
 from beltjax.physics.belt_law import AbstractBeltLaw
 from beltjax.physics.elastica import Span, SpanData, separatrix, span_at, span_start
 
@@ -64,6 +64,7 @@ class ContactModel(NamedTuple):
     together: Float[Array, "coordinates coordinates"]  # bodies that float together
     floating: Coordinates
     first: Coordinates  # 1 for the first body of those that float together
+    loads: Loads
     motion: BeltMotion
 
 
@@ -96,7 +97,7 @@ class Loop(NamedTuple):
     V_ref: Spans
     unstretched: Spans  # lengths of the spans
     on_pulleys: Pulleys  # unstretched lengths
-    push: Coordinates  # of the belt and of the accessories' reactions on the bodies
+    push: Coordinates  # of the belt, of the accessories' reactions and of loads on the bodies
 
 
 def joined(unknown: Unknown, model: ContactModel) -> Loop:
@@ -118,7 +119,7 @@ def joined(unknown: Unknown, model: ContactModel) -> Loop:
     there = _placed(unknown.q, model)
     pull_x, pull_y = force_x - preceding(force_x), force_y - preceding(force_y)
     reaction = mod.housed * mod.pull * mod.rho * jnp.exp(unknown.scale)
-    push = pull_x @ there.by_x + pull_y @ there.by_y
+    push = pull_x @ there.by_x + pull_y @ there.by_y + mod.loads.push(mod.bodies, unknown.q)
     return Loop(
         data=data,
         spans=spans,
@@ -255,7 +256,8 @@ def _wraps(spans: Span, across: Spans, up: Spans, d: Spans, model: ContactModel)
     """Angles by which the pulleys turn the belt; negative where it would have to bend back.
 
     The angles of a string, which are taken in (-90, 270) degrees, decide about full turns. A large
-    pulley beside a small one may take more than 270 degrees: the belt turns once in all.
+    pulley beside a small one may take more than 270 degrees: the belt turns once in all. A crossed
+    belt does not, and takes (0, 360) degrees of both its pulleys.
     """
     cos, sin, loops = across / d, up / d, model.loops
     rise = jnp.clip((model.rho - loops.following(model.rho)) / d, -1.0, 1.0)
@@ -266,9 +268,11 @@ def _wraps(spans: Span, across: Spans, up: Spans, d: Spans, model: ContactModel)
     straight = turn * jnp.arctan2(
         before_x * along_y - before_y * along_x, before_x * along_x + before_y * along_y
     )
-    straight = jnp.where(straight < -jnp.pi / 2, straight + 2 * jnp.pi, straight)
+    crossed = loops.crossed(turn)
+    least = loops.spread(crossed - 1) * jnp.pi / 2
+    straight = jnp.where(straight < least, straight + 2 * jnp.pi, straight)
     once = jnp.abs(loops.sums(turn * straight)) > jnp.pi
-    short = jnp.where(once, 0.0, 2 * jnp.pi)
+    short = jnp.where(once | (crossed > 0), 0.0, 2 * jnp.pi)
     straight = straight + loops.at_smallest(straight) * loops.spread(short)
     string = jnp.arctan2(rise, run)
     start, end = inclinations(spans, model)

@@ -1,5 +1,7 @@
 """Warnings of commands that look at many states: the worst of those that were found counts."""
 
+import dataclasses
+import re
 from types import SimpleNamespace
 
 import jax
@@ -12,6 +14,7 @@ from beltjax.commands.reports.warnings import (
     load_warnings,
     range_warnings,
     response_warnings,
+    steady_warnings,
     sweep_warnings,
 )
 
@@ -56,3 +59,34 @@ def test_speeds_outside_of_the_table_of_a_load_are_named():
     inside = np.array([3001, 5999]) * np.pi / 30 / ratio
     assert range_warnings(drive, points[0], inside) == []
     assert len(range_warnings(drive, points[0], np.array([0.9, 1.0]) * inside)) == 1
+
+
+def test_tensions_above_the_maker_s_limit_are_named():
+    """Without torques all spans have 300 N at rest, and eta of 20 m/s takes some of it."""
+    drive, point = example("three_pulley")
+    steady = bj.steady_state(drive, point)
+    most = float(np.max(steady.running_tensions))
+
+    def limited(limit):
+        belt = dataclasses.replace(drive.belt, allowable_tension=limit)
+        return dataclasses.replace(drive, belts=(belt,))
+
+    def above(drive):
+        code = "tension_above_allowable"
+        return [one for one in steady_warnings(drive, point, steady) if one["code"] == code]
+
+    (one,) = above(limited(most - 1))
+    assert re.search(rf"\S+-\S+ has {most:.4g} N of {most - 1:.4g} N", one["text"])
+    assert above(limited(most + 1)) == above(drive) == []
+
+
+def test_studies_know_what_is_left_of_the_limit():
+    drive, point = example("three_pulley")
+    with pytest.raises(KeyError, match="belt 'belt' has no allowable_tension"):
+        bj.optimize.find_quantity("tension_reserve", drive)
+    belt = dataclasses.replace(drive.belt, allowable_tension=500.0)
+    drive = dataclasses.replace(drive, belts=(belt,))
+    analyses = bj.optimize.DriveAnalyses(drive, point, bj.steady_state(drive, point))
+    found = bj.optimize.find_quantity("tension_reserve", drive).measure(analyses)
+    np.testing.assert_allclose(found[:3], 200.0, rtol=1e-9)
+    np.testing.assert_allclose(found[3:], 500 - analyses.steady.running_tensions, rtol=1e-12)

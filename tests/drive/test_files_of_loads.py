@@ -200,7 +200,7 @@ def test_new_numbers_of_a_load_compile_nothing(tmp_path):
 WRONG = {
     "power of a torque": ("[operation.torque]\naccessory = '2 kW'\n", r"operation\.torque\.accessory: found '2 kW', whose unit is not N m; that is a power; what a pulley takes is power in \[operation\.load\.NAME\]"),
     "torque of a power": ("[operation.load.accessory]\npower = '2 N m'\n", r"operation\.load\.accessory\.power: found '2 N m', whose unit is not W; that is a torque; what holds at any speed is operation\.torque\.NAME"),
-    "power of the drive": ("power = 3\n", r"operation\.power: is not a known key; give it in \[operation\.load\.NAME\]"),
+    "power of the drive": ("power = 3\n", r"operation\.power: is not a key of this table; give it in \[operation\.load\.NAME\]"),
     "hertz": ("[operation.load.accessory]\npower = [1, 2]\nspeed = ['10 rpm', '9 Hz']\n", r"load\.accessory\.speed: item 2: found '9 Hz', whose unit is no angle; for that many turns write \"540 rpm\""),
     "no speed": ("[operation.load.accessory]\npower = [1, 2]\n", r"load\.accessory\.power: is a list without speed"),
     "torque without speed": ("[operation.load.accessory]\ntorque = 2\n", r"load\.accessory\.torque: goes with a list speed; a torque for any speed is operation\.torque\.NAME"),

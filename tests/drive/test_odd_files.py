@@ -192,7 +192,7 @@ def test_files_of_windows_are_read(tmp_path):
     ("old", "new", "says"),
     [
         ("radius = 0.0889", "pitch_diameter = 0.1778", "is not a known key; give diameter"),
-        ("radius = 0.0889", "teeth = 30", "teeth times pitch over 2 pi"),
+        ("radius = 0.0889", "teeth = 30", r"belt\.pitch: is missing; add the distance"),
         ("center = [0.0, 0.0]", "x = 0.0\ny = 0.0", r"x: .*; give center = \[x, y\]"),
         ("belt_speed = 20.0", "rpm = 700", r'rpm: .*; give driver_speed = "\.\.\. rpm"'),
         ('name = "accessory"', 'name = "acc\\u202eessory"', "a name prints"),

@@ -16,6 +16,7 @@ from beltjax.commands.reports.tables import number, plain_table
 from beltjax.commands.reports.units import TableUnits
 from beltjax.drive.buildable import clearances, passes, pulley_pairs
 from beltjax.drive.files import load_geometry
+from beltjax.drive.fitting import StandardBelt, standard_belts
 from beltjax.drive.layout import Layout, layout
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.shafts import transmission
@@ -47,6 +48,7 @@ class DrawnBeltPart(Part):
 
     name: str
     path_length: Maybe = meaning("m, of its neutral axis")
+    teeth: Maybe = meaning("path over pitch, seldom a whole number; null without teeth")
     speed: Maybe = meaning("m/s; null where the file gives no speed")
 
 
@@ -56,6 +58,24 @@ class DrawnTensionerPart(Part):
     name: str
     arm_length: Maybe = meaning("m, from pivot to the middle of its pulleys; null for a slide")
     path_per_move: Maybe = meaning("what moving it adds to the belts' paths: m per rad, or m per m")
+
+
+class FitPart(Part):
+    """Where one body alone, or one of two fixed pulleys, fits a belt that has no tension."""
+
+    tensioner: str | None = meaning("null: the second pulley is moved away from the first")
+    coordinate: float = meaning("rad or m, from the drawn position")
+    center_distance: Maybe = meaning("m, of two fixed pulleys; else null")
+    beyond_stops: bool
+
+
+class StandardBeltPart(Part):
+    """A standard belt next to a drawn path: the next shorter or equal one, or the next longer."""
+
+    belt: str
+    length: float = meaning("m, along the neutral axis")
+    teeth: int | None
+    fits: list[FitPart] = meaning("empty where no single body can fit it")
 
 
 class GapPart(Part):
@@ -74,6 +94,7 @@ class LayoutDocument(Document):
     pulleys: list[DrawnPulleyPart]
     belts: list[DrawnBeltPart]
     tensioners: list[DrawnTensionerPart]
+    standard_belts: list[StandardBeltPart]
     clearances: list[GapPart] = meaning("the narrowest first")
 
 
@@ -126,7 +147,12 @@ def layout_document(
         ],
         "pulleys": [dict(zip(keys, row, strict=True)) for row in columns],
         "belts": [
-            {"name": belt.name, "path_length": length, "speed": speed if has_speed else None}
+            {
+                "name": belt.name,
+                "path_length": length,
+                "teeth": None if belt.pitch is None or length is None else length / belt.pitch,
+                "speed": speed if has_speed else None,
+            }
             for belt, length, speed in belts
         ],
         "tensioners": [
@@ -137,8 +163,19 @@ def layout_document(
             }
             for body, arm, move in zip(drive.tensioners, arms, moves, strict=True)
         ],
+        "standard_belts": [
+            _standard_belt(belt.name, found)
+            for place, belt in enumerate(drive.belts)
+            for found in standard_belts(drive, place, float(at.path_lengths[place]))
+        ],
         "clearances": _gaps(drive, at),
     }
+
+
+def _standard_belt(belt: str, found: StandardBelt) -> dict[str, Any]:
+    keys = "tensioner", "coordinate", "center_distance", "beyond_stops"
+    fits = [dict(zip(keys, place, strict=True)) for place in found.places]
+    return {"belt": belt, "length": found.length, "teeth": found.teeth, "fits": fits}
 
 
 def _gaps(drive: Drive, at: Layout) -> list[dict[str, Any]]:
@@ -161,6 +198,8 @@ def layout_tables(document: dict[str, Any], units: TableUnits) -> Group:
     tables = [_pulley_table(document, units), _span_table(document, units)]
     if document["tensioners"]:
         tables.append(_tensioner_table(document, units))
+    if document["standard_belts"]:
+        tables.append(_standard_table(document, units))
     return Group(*tables, _gap_table(document, units))
 
 
@@ -187,7 +226,35 @@ def _span_table(document: dict[str, Any], units: TableUnits) -> Table:
         several = f" of {row['name']}" if len(document["belts"]) > 1 else ""
         length = units.text(row["path_length"], "m", 2)
         table.add_row(escape(f"whole path{several}"), length, style="bold")
+        if row["teeth"] is not None:
+            table.add_row(escape(f"in teeth{several}"), number(row["teeth"], 3), style="bold")
     return table
+
+
+def _standard_table(document: dict[str, Any], units: TableUnits) -> Table:
+    heads = units.head("length", "m"), "teeth", "fits with", ""
+    table = plain_table("Standard belts", "belt", *heads)
+    for row in document["standard_belts"]:
+        teeth = "-" if row["teeth"] is None else str(row["teeth"])
+        first = escape(row["belt"]), units.text(row["length"], "m", 2), teeth
+        for fit in row["fits"] or [None]:
+            table.add_row(*first, *_fit_words(fit, document, units))
+            first = "", "", ""
+    return table
+
+
+def _fit_words(
+    fit: dict[str, Any] | None, document: dict[str, Any], units: TableUnits
+) -> tuple[str, str]:
+    """What is moved for a standard belt, and where it stands then."""
+    if fit is None:
+        return "-", ""
+    if fit["tensioner"] is None:
+        return "center distance", units.text(fit["center_distance"], "m", 2) + f" {units.name('m')}"
+    body = next(part for part in document["tensioners"] if part["name"] == fit["tensioner"])
+    unit = "m" if body["arm_length"] is None else "rad"
+    place = f"{units.text(fit['coordinate'], unit, 2)} {units.name(unit)}"
+    return escape(body["name"]), place + (", beyond its stops" if fit["beyond_stops"] else "")
 
 
 def _tensioner_table(document: dict[str, Any], units: TableUnits) -> Table:

@@ -27,6 +27,7 @@ def steady_warnings(drive: Drive, point: OperatingPoint, steady: SteadyState) ->
         *_stiff_belts(drive, np.asarray(steady.stiffness_ratios)),
         *_far_tensioners(drive, steady),
         *load_warnings((drive, point)),
+        *_overloaded_belts(drive, steady),
         *_idle_dampers(drive),
     ]
 
@@ -68,6 +69,22 @@ def _far_tensioners(drive: Drive, steady: SteadyState) -> Warnings:
         "stretching_arcs = true the running string is exact"
     )
     return [{"code": "tensioner_moves_far", "text": text}]
+
+
+def _overloaded_belts(drive: Drive, steady: SteadyState) -> Warnings:
+    """Belts whose tension, at rest or running, is above the maker's limit."""
+    most = np.maximum(np.asarray(steady.running_tensions), np.asarray(steady.reference.tensions))
+    above = []
+    for place, belt in enumerate(drive.belts):
+        spans = np.flatnonzero(drive.belt_of_span == place)
+        worst = spans[np.argmax(most[spans])]
+        if belt.allowable_tension is not None and most[worst] > float(belt.allowable_tension):
+            limit = f"{float(belt.allowable_tension):.4g} N"
+            above.append(f"{drive.span_names[worst]} has {most[worst]:.4g} N of {limit}")
+    if not above:
+        return []
+    text = f"the tension is above the belt's allowable_tension: {', '.join(above)}"
+    return [{"code": "tension_above_allowable", "text": text}]
 
 
 def _idle_dampers(drive: Drive) -> Warnings:

@@ -1,0 +1,102 @@
+"""Preloads, forces and gravity in drive files: what comes back, and what is refused."""
+
+import re
+
+import numpy as np
+import pytest
+from bodies_cases import load, swap
+
+import beltjax as bj
+from beltjax.drive.files import drive_content
+
+SPRUNG = """
+gravity = [0, "-9.81 m/s^2"]
+[belt]
+axial_stiffness = 1e5
+bending_stiffness = 0.0
+mass_per_length = 0.1
+[[pulley]]
+name = "crank"
+center = [0.0, 0.0]
+radius = 0.08
+face = "grooved"
+driver = true
+[[pulley]]
+name = "pump"
+center = [0.4, 0.0]
+radius = 0.08
+face = "grooved"
+[[pulley]]
+name = "idler"
+center = [0.2, 0.05]
+radius = 0.03
+face = "back"
+[[tensioner]]
+name = "arm"
+pulley = "idler"
+pivot = [0.08, 0.14]
+stiffness = "20 N m/rad"
+preload = "-12 N m"
+[operation]
+belt_speed = 20.0
+"""
+SLIDE = SPRUNG.replace(
+    'pivot = [0.08, 0.14]\nstiffness = "20 N m/rad"\npreload = "-12 N m"',
+    'kind = "linear"\ndirection = [0, -1]\npreload = "150 N"',
+)
+
+
+def test_preload_over_rate_is_where_the_spring_is_relaxed(tmp_path):
+    drive, _ = load(tmp_path, SPRUNG)
+    np.testing.assert_allclose(drive.installation.free, [-12 / 20], rtol=1e-15)
+    assert isinstance(drive.installation, bj.Preloaded)
+    # 20 degrees from the drawn position the spring holds 20 N m/rad of that less.
+    angle = np.degrees(np.arctan2(-0.09, 0.12)) - 20
+    text = swap(SPRUNG, '"-12 N m"', f'"-12 N m"\nat_angle = "{angle!r} deg"')
+    drive, _ = load(tmp_path, text.replace("np.float64(", "").replace(") deg", " deg"))
+    np.testing.assert_allclose(drive.installation.free, [-12 / 20 - np.radians(20)], rtol=1e-14)
+
+
+def test_what_has_no_rate_is_a_constant_force(tmp_path):
+    drive, _ = load(tmp_path, SLIDE)
+    assert float(drive.tensioners[0].force) == 150.0
+    assert float(drive.tensioners[0].stiffness) == 0.0
+
+
+@pytest.mark.parametrize("text", [SPRUNG, SLIDE], ids=["spring", "cylinder"])
+def test_a_saved_file_has_the_same_drive(tmp_path, text):
+    drive, point = load(tmp_path, text)
+    np.testing.assert_array_equal(drive.gravity, [0, -9.81])
+    bj.save_drive(tmp_path / "saved.toml", drive, point)
+    again, same = bj.load_drive(tmp_path / "saved.toml")
+    assert drive_content(again, same) == drive_content(drive, point)
+    assert type(again.installation) is type(drive.installation)
+
+
+def test_geometry_alone_needs_no_spring(run, tmp_path):
+    (tmp_path / "sheet.toml").write_text(SPRUNG.replace('stiffness = "20 N m/rad"\n', ""))
+    status, out, _ = run("layout", "sheet.toml")
+    assert (status, "idler" in out) == (0, True)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('"-12 N m"', '"12 N m"', r"tensioner: preload, force and weight push away from 'belt', whose tension would be -\d+\.?\d* N; turn their sign"),
+        ('"-12 N m"', '"-12 N"', r"tensioner\.arm\.preload: found '-12 N', whose unit is not N m"),
+        ('preload = "-12 N m"', 'at_angle = "30 deg"', r"tensioner\.arm\.at_angle: goes with preload"),
+        ('preload = "-12 N m"', 'prelaod = "-12 N m"', r"tensioner\.arm\.prelaod: is not a known key; did you mean 'preload'"),
+        ('preload = "-12 N m"', "", r"installation: found neither tension nor belt_length"),
+        ('"-12 N m"', '"-12 N m"\nforce = 3.0', r"tensioner\.arm\.preload: force is given, too"),
+        ("[operation]", '[installation]\ntension = "300 N"\n[operation]', r"tensioner\.arm\.preload: gives the tension, as installation\.tension does"),
+        ("[operation]", "[installation]\nfree = { arm = 0.3 }\n[operation]", r"tensioner\.arm\.preload: installation\.free\.arm says where"),
+        ('stiffness = "20 N m/rad"\npreload = "-12 N m"', 'preload = "-12 N m"\nat_angle = 0.1', r"tensioner\.arm\.at_angle: belongs to a spring"),
+        ('[0, "-9.81 m/s^2"]', '[0, "-9.81 m"]', r"gravity.*found '-9\.81 m', whose unit is not m/s\^2"),
+        ('preload = "-12 N m"', 'locked = true\npreload = "-12 N m"', r"installation: nothing gives the tension"),
+    ],
+    ids=["sign", "unit", "alone", "near", "none", "force", "tension", "free", "angle", "gravity", "bolted"],
+)  # fmt: skip
+def test_what_does_not_fit_is_one_line(tmp_path, old, new, says):
+    with pytest.raises(bj.FileError) as error:
+        load(tmp_path, swap(SPRUNG, old, new))
+    assert re.search(says, str(error.value))
