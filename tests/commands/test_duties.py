@@ -140,6 +140,17 @@ def test_a_meter_hears_a_running_string_lower(run, tmp_path):
         assert span["meter_hz"] == pytest.approx(still, rel=1e-12)
 
 
+def test_the_standard_lengths_next_to_the_path_are_shown(run, tmp_path):
+    """The path takes 1.5143 m."""
+    lengths = '["1490 mm", "1510 mm", "1525 mm", "1550 mm"]'
+    text = swap(BARE, "[belt]\n", f"[belt]\nstandard_lengths = {lengths}\n") + POWER
+    found, _, out, _ = analyzed(run, tmp_path, text)
+    [belt] = found["belts"]
+    assert belt["path_length"] == pytest.approx(1.5143, abs=1e-4)
+    assert belt["standard_lengths"] == pytest.approx([1.510, 1.525], rel=1e-14)
+    assert re.search(r"next to the path of belt +1510\.000, 1525\.000 +mm", out)
+
+
 def test_a_duty_that_does_not_run_is_named_and_the_others_stand(run, tmp_path):
     text = swap(DUTIES, 'load = { accessory = { power = "4 kW" } }', "torque = { accessory = -40 }")
     found, status, out, err = analyzed(run, tmp_path, BARE + text)

@@ -126,6 +126,11 @@ def summary_table(document: dict[str, Any], units: TableUnits) -> Table:
         ("speed s", groups.get("speed"), 5, ""),
         ("stretch gamma", groups.get("stretch"), 2, ""),
     ]
+    rows += [
+        (f"standard lengths next to the path of {belt['name']}", belt["standard_lengths"], 3, "m")
+        for belt in document["belts"] or []
+        if belt["standard_lengths"]
+    ]
     for label, value, digits, unit in rows:
         if value is not None:
             values = value if isinstance(value, list) else [value]  # of several belts
