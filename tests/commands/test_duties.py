@@ -14,6 +14,9 @@ from compilations import compilations
 from drives import EXAMPLES
 
 import beltjax as bj
+from beltjax.commands.reports.arguments import read_drive
+from beltjax.commands.reports.vibrating import vibrating
+from beltjax.drive.file_operation import operation_content
 from beltjax.drive.files import drive_content
 from beltjax.results import explanations, successes
 
@@ -176,6 +179,22 @@ def test_without_a_speed_of_its_own_the_operation_is_the_first_duty(run, tmp_pat
     assert agree(found["pulleys"], found["duties"][0]["pulleys"])
     _, point = load(tmp_path, text)
     assert float(point.driver_speed) == pytest.approx(25 * math.pi, rel=1e-15)
+
+
+def test_other_commands_take_the_duty_that_is_named(run, tmp_path):
+    (tmp_path / "drive.toml").write_text(BARE + DUTIES)
+    for name, (_, point) in {
+        "heavy": vibrating(tmp_path / "drive.toml", "heavy"),
+        "fast": read_drive(tmp_path / "drive.toml", "fast"),
+    }.items():
+        assert operation_content(point) == operation_content(load(tmp_path, BARE + ALONE[name])[1])
+        (tmp_path / "drive.toml").write_text(BARE + DUTIES)
+    sweep = "sweep", "drive.toml", "--over", "installation.tension=300:310:2"
+    for words in (("contact", "drive.toml"), sweep, ("response", "drive.toml")):
+        status, _, err = run(*words, "--duty", "slow")
+        assert status == 1
+        assert "there is no duty 'slow' in drive.toml; give one of idle, fast, heavy" in err
+        assert err.count("\n") == 1
 
 
 def test_what_a_duty_does_not_state_is_that_of_the_operation(tmp_path):

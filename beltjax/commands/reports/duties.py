@@ -133,7 +133,7 @@ def _tensions(duty: dict[str, Any]) -> Iterator[tuple[str, float | None]]:
 
 
 def _hub_loads(duty: dict[str, Any]) -> Iterator[tuple[str, float | None]]:
-    yield from ((row["name"], math.hypot(*row["hub_load"])) for row in duty["pulleys"])
+    yield from ((row["name"], _load(row)) for row in duty["pulleys"])
 
 
 def _slip_margins(duty: dict[str, Any]) -> Iterator[tuple[str, float | None]]:
@@ -259,18 +259,16 @@ _BESIDE = (
     _Row("Speed", "pulleys", "rad/s", 0, lambda row: row["speed"]),
     _Row("Torque taken", "pulleys", "N m", 2, lambda row: row["torque"]),
     _Row("Slip margin", "pulleys", "", 3, lambda row: row["slip_margin"]),
-)
-_NAMES = {"spans": "span", "pulleys": "pulley", "coordinates": "tensioner"}
-_OF_BODIES = (
     _Row("Place, running, from the drawn position", "coordinates", "", 3, _place),
     _Row("Way left to the nearer stop", "coordinates", "", 3, _way),
 )
+_NAMES = {"spans": "span", "pulleys": "pulley", "coordinates": "tensioner"}
 
 
 def duty_tables(duties: list[dict[str, Any]], units: TableUnits) -> list[Table]:
     """The duties side by side: a table for each quantity, a column for each duty."""
     tables = []
-    for one in (*_BESIDE, *_OF_BODIES):
+    for one in _BESIDE:
         labels = [row["name"] for row in next(filter(None, (d[one.part] for d in duties)), [])]
         texts = {
             name: [_text(duty, one, k, units) for duty in duties] for k, name in enumerate(labels)
