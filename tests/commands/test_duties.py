@@ -339,6 +339,7 @@ def test_a_study_is_over_the_duties_of_its_drive(tmp_path):
         ("belt_speed = 30", "belt_speed = 0", r"duty\.fast\.load\.accessory\.power: nothing turns"),
         ("belt_speed = 30", "mass_flow = 1", r"duty\.fast\.mass_flow: goes with driver_speed"),
         ('name = "fast"\n', "", r"duty\[1\]\.name: is missing"),
+        (DUTIES, POWER + '[duty]\nname = "a"\n', r"duty: found one table; write its heading in double brackets: \[\[duty\]\]"),
     ],
 )  # fmt: skip
 def test_wrong_duties_are_one_line(tmp_path, old, new, says):

@@ -237,6 +237,9 @@ WRONG = {
     "no pulley": ("[operation.load.pump]\npower = 1\n", r"operation\.load\.pump: there is no pulley 'pump'; give one of crankshaft"),
     "driver": ("[operation.load.crankshaft]\npower = 1\n", r"operation\.load\.crankshaft: the driver balances"),
     "twice": ("[operation.torque]\naccessory = 1\n" + POWER, r"operation\.load\.accessory: stands beside torque\.accessory; remove one of them"),
+    "no name": ("[operation.load]\npower = 1\n", r"operation\.load: found a table of 1 without a pulley's name; write \[operation\.load\.NAME\]"),
+    "top level": (POWER + "[load.accessory]\npower = 1\n", r"load: is not a key of this table; it belongs in \[\[duty\]\] or \[operation\]"),
+    "rpm": ("[operation.load.accessory]\nrpm = [1, 2]\npower = [1, 2]\n", r'load\.accessory\.rpm: is not a known key; .*speed = \["\.\.\. rpm", \.\.\.\] of a load'),
     "unknown": ("[operation.load.accessory]\npowr = 1\n", r"operation\.load\.accessory\.powr: is not a known key; did you mean 'power'"),
 }  # fmt: skip
 
