@@ -3,6 +3,7 @@
 import functools
 import http.server
 import json
+import re
 import shutil
 import subprocess
 import tempfile
@@ -114,3 +115,15 @@ def toured(site):
             process.wait(20)
             server.shutdown()
     return server
+
+
+def printed_pages(page, folder):
+    """On how many sheets of paper a browser prints the page of that path."""
+    if browser() is None:
+        pytest.skip(f"no browser is installed ({', '.join(BROWSERS)})")
+    paper = folder / "paper.pdf"
+    words = ["--headless=new", "--no-sandbox", "--disable-gpu", "--no-pdf-header-footer"]
+    words += [f"--user-data-dir={folder / 'profile'}", f"--print-to-pdf={paper}"]
+    silent = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    subprocess.run([browser(), *words, page.as_uri()], **silent, check=True, timeout=120)
+    return len(re.findall(rb"/Type /Page\b", paper.read_bytes()))

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 from bodies_cases import LEVER, load
 
@@ -111,6 +112,22 @@ def test_the_tensioners_of_the_page_are_some(tmp_path):
     before, after = LEVER.split("[[tensioner]]", 1)[0], LEVER[LEVER.index("[installation]") :]
     drive, _ = load(tmp_path, before + tensioners + after)
     assert [body.name for body in drive.tensioners] == ["housing", "lever"]
+
+
+def test_the_loads_and_duties_of_the_page_are_some(tmp_path):
+    blocks = blocks_of(ROOT / "docs" / "drive_file.md", "toml")
+    loads, duties = (block for block in blocks if block.startswith("[operation.load."))
+    drive_file = (ROOT / "examples" / "seven_pulley.toml").read_text().replace("water pump", "pump")
+    before = drive_file[: drive_file.index("[operation]")]
+    drive, point = load(tmp_path, before + '[operation]\ndriver_speed = "750 rpm"\n' + loads)
+    # The alternator turns 75/27 times as fast, between the first two speeds of its table.
+    taken = dict(zip(drive.pulley_names, point.torques(drive).tolist(), strict=True))
+    assert 800 < taken["alternator"] * 25 * np.pi * 75 / 27 < 2100
+    assert taken["tensioner"] == pytest.approx(0.05)
+    load(tmp_path, before + duties)
+    _, named = bj.load_duties(tmp_path / "drive.toml")
+    assert list(named) == ["idle", "full load"]
+    assert float(named["full load"].load["alternator"].power) == 3000.0
 
 
 def test_the_drives_of_the_page_are_read(tmp_path):

@@ -4,7 +4,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from beltjax.commands.registry import command, figure_option, json_option, si_option
+from beltjax.commands.registry import (
+    command,
+    duty_option,
+    figure_option,
+    json_option,
+    si_option,
+)
 from beltjax.commands.running import Advance, answer
 
 if TYPE_CHECKING:
@@ -28,6 +34,7 @@ def _document() -> type["Document"]:
     show_default=True,
     help="Take this belt law; 'hyperelastic' conserves energy.",
 )
+@duty_option
 @json_option
 @figure_option
 @click.option(
@@ -38,6 +45,7 @@ def contact(
     drive_file: str,
     maximum: bool,
     law: str,
+    duty: str | None,
     json_path: str | None,
     figure: str | None,
     compare: str | None,
@@ -48,7 +56,7 @@ def contact(
     def work(advance: Advance) -> "Report":
         from beltjax.commands.reports.contact import contact_report
 
-        return contact_report(drive_file, maximum, law, (figure, compare), si)
+        return contact_report(drive_file, maximum, law, (figure, compare), si, duty)
 
     answer(
         work, read=drive_file, json=json_path, pictures=(figure, compare), busy="solving contact"

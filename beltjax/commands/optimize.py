@@ -9,6 +9,7 @@ from beltjax.commands.registry import (
     json_option,
     optimizers_option,
     quantities_option,
+    report_option,
     si_option,
 )
 from beltjax.commands.running import Advance, answer
@@ -31,9 +32,7 @@ def _document() -> type["Document"]:
 @click.option(
     "--out", "--save-drive", "drive", metavar="DRIVE.toml", help="Write the optimized drive."
 )
-@click.option(
-    "--report", "page", metavar="FILE.html", help="Write a report that opens in a browser."
-)
+@report_option
 @click.option("--method", metavar="NAME", help="Use this optimizer in place of the study's.")
 @optimizers_option
 @quantities_option

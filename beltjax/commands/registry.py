@@ -91,6 +91,12 @@ _xlsx_option = click.option(
     help="Write the tables that are printed as a workbook.",
 )  # fmt: skip
 figure_option = click.option("--figure", metavar="FILE.png", help="Write a picture.")
+duty_option = click.option(
+    "--duty", metavar="NAME", help="Take this duty of the drive file, not its [operation]."
+)
+report_option = click.option(
+    "--report", "page", metavar="FILE.html", help="Write a report that opens in a browser."
+)
 quantity_option = click.option(
     "--quantity",
     multiple=True,

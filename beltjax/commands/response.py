@@ -4,7 +4,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from beltjax.commands.registry import command, figure_option, json_option, si_option
+from beltjax.commands.registry import (
+    command,
+    duty_option,
+    figure_option,
+    json_option,
+    si_option,
+)
 from beltjax.commands.running import Advance, answer
 
 if TYPE_CHECKING:
@@ -43,6 +49,7 @@ def _document() -> type["Document"]:
 @click.option(
     "--modal-damping", type=float, help="Damp every mode by this ratio; 0.02 unless given."
 )
+@duty_option
 @json_option
 @figure_option
 @si_option
@@ -53,6 +60,7 @@ def response(
     order: float | None,
     speeds: str,
     modal_damping: float | None,
+    duty: str | None,
     json_path: str | None,
     figure: str | None,
     si: bool,
@@ -64,7 +72,7 @@ def response(
 
         return response_report(
             drive_file,
-            ResponseOptions(crank, torque, order, speeds, modal_damping),
+            ResponseOptions(crank, torque, order, speeds, modal_damping, duty),
             figure,
             advance,
             si,

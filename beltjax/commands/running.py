@@ -168,7 +168,7 @@ def _finish(
     from rich.console import Console
 
     from beltjax.commands.reports.documents import complete, json_bytes, json_text
-    from beltjax.commands.reports.tables import csv_bytes, xlsx_bytes
+    from beltjax.commands.reports.tables import csv_bytes, width_of, xlsx_bytes
     from beltjax.files.writing import write_together
 
     document = complete(report.document)
@@ -188,7 +188,7 @@ def _finish(
     else:
         console = Console()
         # Piped into a file there is no width to fit; names must not be cut there.
-        console.width = console.width if console.is_terminal else 120
+        console.width = console.width if console.is_terminal else width_of(report.tables)
         console.print(report.tables)
         if files and not failed:
             click.echo(f"wrote {', '.join(path for path, _ in files)}")

@@ -4,7 +4,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from beltjax.commands.registry import command, figure_option, json_option, si_option
+from beltjax.commands.registry import (
+    command,
+    duty_option,
+    figure_option,
+    json_option,
+    si_option,
+)
 from beltjax.commands.running import Advance, answer
 
 if TYPE_CHECKING:
@@ -25,6 +31,7 @@ def _document() -> type["Document"]:
 )
 @click.option("--count", default=8, show_default=True, help="Follow so many modes.")
 @click.option("--orders", default="2,4", show_default=True, help="Draw these orders over a speed.")
+@duty_option
 @json_option
 @click.option("--netcdf", metavar="FILE.nc", help="Write every row, with units.")
 @figure_option
@@ -34,6 +41,7 @@ def sweep(
     over: str,
     count: int,
     orders: str,
+    duty: str | None,
     json_path: str | None,
     netcdf: str | None,
     figure: str | None,
@@ -47,6 +55,7 @@ def sweep(
     def work(advance: Advance) -> "Report":
         from beltjax.commands.reports.sweep import sweep_report
 
-        return sweep_report(drive_file, over, count, orders, (netcdf, figure), advance, si)
+        outputs = netcdf, figure
+        return sweep_report(drive_file, over, count, orders, outputs, advance, si, duty)
 
     answer(work, read=drive_file, json=json_path, written=(netcdf,), pictures=(figure,))

@@ -102,9 +102,9 @@ def before_and_after(
     return figure
 
 
-def layout_figure(drive: Drive, at: Layout) -> Figure:
-    """One layout: pulleys with their names, tensioners and belts."""
-    figure = Figure(figsize=(9.0, 9.0), layout="constrained")
+def layout_figure(drive: Drive, at: Layout, size: float = 9.0) -> Figure:
+    """One layout: pulleys with their names, tensioners and belts; `size` in inches."""
+    figure = Figure(figsize=(size, size), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
     draw_layout(axes, drive, at, color=AFTER, label="", style="-")

@@ -307,6 +307,17 @@ class LoadTable(Table):
     ] = None
 
 
+def _by_pulley(value: Any) -> Any:
+    """Tables of loads; raises for what lacks the pulleys' names."""
+    bare = isinstance(value, list) or (
+        isinstance(value, dict) and not all(isinstance(item, dict) for item in value.values())
+    )
+    if bare:
+        text = f"found {shown(value)} without a pulley's name; write [operation.load.NAME]"
+        raise PydanticCustomError("unit", "{text}", {"text": text})
+    return value
+
+
 @numbers_of(OperatingPoint, without=("torque",))
 class OperationTable(Table):
     """[operation]."""
@@ -325,6 +336,7 @@ class OperationTable(Table):
     ]
     load: Annotated[
         dict[str, LoadTable],
+        BeforeValidator(_by_pulley),
         Field(default_factory=dict),
         meaning("tables by pulley's name: what it takes as power, or over its speed"),
     ]

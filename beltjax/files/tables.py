@@ -2,6 +2,7 @@
 
 import difflib
 import math
+import re
 from collections.abc import Callable, Iterable, Mapping
 from typing import Annotated, Any, ClassVar, TypeVar
 
@@ -20,7 +21,7 @@ _FOREIGN_KEYS = {
     "x": "give center = [x, y]",
     "y": "give center = [x, y]",
     "position": "give center = [x, y]",
-    "rpm": 'give driver_speed = "... rpm"',
+    "rpm": 'give driver_speed = "... rpm", or speed = ["... rpm", ...] of a load',
     "speed": "give belt_speed, or driver_speed from which it follows",
     "power": "give it in [operation.load.NAME], NAME being the pulley that takes it",
     "length": "give belt_length",
@@ -195,15 +196,7 @@ def _message(error: Any, table: type[Table]) -> str:
     if kind == "missing":
         return "is missing; add it"
     if kind == "extra_forbidden":
-        word = str(error["loc"][-1])
-        known = _all_keys(table)
-        if word in _FOREIGN_KEYS:
-            lead = "is not a key of this table" if word in known else "is not a known key"
-            return f"{lead}; {_FOREIGN_KEYS[word]}"
-        if word in known:
-            return "is not a key of this table; remove it"
-        close = difflib.get_close_matches(word, sorted(known), n=1)
-        return "is not a known key; " + (f"did you mean {close[0]!r}?" if close else "remove it")
+        return _of_unknown_key(error["loc"], table)
     if kind == "greater_than":
         return f"found {shown(found)}; must be greater than {error['ctx']['gt']:g}"
     if kind == "greater_than_equal":
@@ -215,20 +208,45 @@ def _message(error: Any, table: type[Table]) -> str:
         return f"found {len(found)} items; give {wanted}"
     if kind in ("model_type", "dict_type"):
         return f"found {shown(found)}; give a table"
+    if kind == "list_type" and isinstance(found, dict):
+        return f"found one table; write its heading in double brackets: [[{error['loc'][-1]}]]"
     text = error["msg"].removeprefix("Input should be ")
     return f"found {shown(found)}; give {text}"
 
 
-def _all_keys(table: type[Table]) -> set[str]:
-    """Keys of a table and of the tables inside it, to find the one that was meant."""
-    keys: set[str] = set()
+def _of_unknown_key(location: tuple[Any, ...], table: type[Table]) -> str:
+    """What to do about a key that its table does not have."""
+    word, homes = str(location[-1]), _homes(table)
+    if word in _FOREIGN_KEYS:
+        lead = "is not a key of this table" if word in homes else "is not a known key"
+        return f"{lead}; {_FOREIGN_KEYS[word]}"
+    if word in homes:
+        # A kind of the same table may have it.
+        here = any(home.strip("[]").startswith(str(location[0])) for home in homes[word])
+        elsewhere = sorted(homes[word]) if len(homes[word]) < 3 and not here else []
+        lead = f"it belongs in {' or '.join(elsewhere)}" if elsewhere else "remove it"
+        return f"is not a key of this table; {lead}"
+    close = difflib.get_close_matches(word, sorted(homes), n=1)
+    return "is not a known key; " + (f"did you mean {close[0]!r}?" if close else "remove it")
+
+
+def _homes(table: type[Table]) -> dict[str, list[str]]:
+    """Keys of a table and of those inside it, and under which headings each may stand.
+
+    The description of a table begins with its heading; that of a whole file has none.
+    """
+    homes: dict[str, list[str]] = {}
     pending: list[Any] = [table]
     while pending:
         kind = pending.pop()
         if isinstance(kind, type) and issubclass(kind, Table):
-            keys |= {field.alias or name for name, field in kind.model_fields.items()}
-            keys |= set(kind.translated)
+            heading = re.match(r"\[+[^\]]+\]+", kind.__doc__ or "")
+            keys = {field.alias or name for name, field in kind.model_fields.items()}
+            for key in keys | set(kind.translated):
+                known = homes.setdefault(key, [])
+                if heading and heading[0] not in known:
+                    known.append(heading[0])
             pending += [field.annotation for field in kind.model_fields.values()]
         else:
             pending += list(getattr(kind, "__args__", ()))
-    return keys
+    return homes

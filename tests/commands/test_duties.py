@@ -14,6 +14,9 @@ from compilations import compilations
 from drives import EXAMPLES
 
 import beltjax as bj
+from beltjax.commands.reports.arguments import read_drive
+from beltjax.commands.reports.vibrating import vibrating
+from beltjax.drive.file_operation import operation_content
 from beltjax.drive.files import drive_content
 from beltjax.results import explanations, successes
 
@@ -140,6 +143,17 @@ def test_a_meter_hears_a_running_string_lower(run, tmp_path):
         assert span["meter_hz"] == pytest.approx(still, rel=1e-12)
 
 
+def test_the_standard_lengths_next_to_the_path_are_shown(run, tmp_path):
+    """The path takes 1.5143 m."""
+    lengths = '["1490 mm", "1510 mm", "1525 mm", "1550 mm"]'
+    text = swap(BARE, "[belt]\n", f"[belt]\nstandard_lengths = {lengths}\n") + POWER
+    found, _, out, _ = analyzed(run, tmp_path, text)
+    [belt] = found["belts"]
+    assert belt["path_length"] == pytest.approx(1.5143, abs=1e-4)
+    assert belt["standard_lengths"] == pytest.approx([1.510, 1.525], rel=1e-14)
+    assert re.search(r"next to the path of belt +1510\.000, 1525\.000 +mm", out)
+
+
 def test_a_duty_that_does_not_run_is_named_and_the_others_stand(run, tmp_path):
     text = swap(DUTIES, 'load = { accessory = { power = "4 kW" } }', "torque = { accessory = -40 }")
     found, status, out, err = analyzed(run, tmp_path, BARE + text)
@@ -165,6 +179,22 @@ def test_without_a_speed_of_its_own_the_operation_is_the_first_duty(run, tmp_pat
     assert agree(found["pulleys"], found["duties"][0]["pulleys"])
     _, point = load(tmp_path, text)
     assert float(point.driver_speed) == pytest.approx(25 * math.pi, rel=1e-15)
+
+
+def test_other_commands_take_the_duty_that_is_named(run, tmp_path):
+    (tmp_path / "drive.toml").write_text(BARE + DUTIES)
+    for name, (_, point) in {
+        "heavy": vibrating(tmp_path / "drive.toml", "heavy"),
+        "fast": read_drive(tmp_path / "drive.toml", "fast"),
+    }.items():
+        assert operation_content(point) == operation_content(load(tmp_path, BARE + ALONE[name])[1])
+        (tmp_path / "drive.toml").write_text(BARE + DUTIES)
+    sweep = "sweep", "drive.toml", "--over", "installation.tension=300:310:2"
+    for words in (("contact", "drive.toml"), sweep, ("response", "drive.toml")):
+        status, _, err = run(*words, "--duty", "slow")
+        assert status == 1
+        assert "there is no duty 'slow' in drive.toml; give one of idle, fast, heavy" in err
+        assert err.count("\n") == 1
 
 
 def test_what_a_duty_does_not_state_is_that_of_the_operation(tmp_path):
@@ -309,6 +339,7 @@ def test_a_study_is_over_the_duties_of_its_drive(tmp_path):
         ("belt_speed = 30", "belt_speed = 0", r"duty\.fast\.load\.accessory\.power: nothing turns"),
         ("belt_speed = 30", "mass_flow = 1", r"duty\.fast\.mass_flow: goes with driver_speed"),
         ('name = "fast"\n', "", r"duty\[1\]\.name: is missing"),
+        (DUTIES, POWER + '[duty]\nname = "a"\n', r"duty: found one table; write its heading in double brackets: \[\[duty\]\]"),
     ],
 )  # fmt: skip
 def test_wrong_duties_are_one_line(tmp_path, old, new, says):

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from bodies_cases import load, swap
+from bodies_cases import TWO_BELTS, load, swap
 from compilations import compilations
 from drives import EXAMPLES, example
 from scipy.interpolate import PchipInterpolator
@@ -82,6 +82,29 @@ def test_a_load_alone_and_its_torque_are_one_drive(tmp_path):
     one, two = (bj.steady_state(drive, p) for p in (point, same))
     np.testing.assert_allclose(one.running_tensions, two.running_tensions, rtol=1e-13)
     np.testing.assert_allclose(one.coupling, two.coupling, rtol=1e-10)
+
+
+def test_a_load_on_another_belt_turns_with_its_own_pulley(tmp_path):
+    """The second belt runs with the crankshaft's other pulley, 60 to 75 mm; the fan has 45 mm."""
+    drive, _ = load(tmp_path, TWO_BELTS)
+    loaded = bj.OperatingPoint(belt_speed=15.0, load={"fan": bj.Load(power=400.0)})
+    torques = dict(zip(drive.pulley_names, np.asarray(loaded.torques(drive)), strict=True))
+    turns = 15.0 / 0.075 * 0.060 / 0.045
+    assert torques["fan"] == pytest.approx(400.0 / turns, rel=1e-14)
+    # The crankshaft gives its second belt what that belt's pulleys take: the same power.
+    assert torques["crank2"] * 15.0 / 0.075 == pytest.approx(-400.0, rel=1e-14)
+
+
+def test_contact_takes_the_torque_of_a_load():
+    """The driven pulley turns with the belt, but for what the belt stretches: P/omega at rest."""
+    drive, _ = example("two_pulley_table_5_1")
+    speed, radius = 10.0, float(drive.pulleys[1].radius)
+    name = drive.pulley_names[1]
+    loaded = bj.OperatingPoint(belt_speed=speed, load={name: bj.Load(power=20.0)})
+    same = bj.OperatingPoint(belt_speed=speed, torque={name: 20.0 * radius / speed})
+    one, two = (bj.contact_state(drive, point) for point in (loaded, same))
+    np.testing.assert_allclose(one.moments, two.moments, rtol=1e-13)
+    assert abs(float(one.moments[1])) == pytest.approx(20.0 * radius / speed, rel=1e-12)
 
 
 def test_derivatives_are_total(tmp_path):
@@ -214,6 +237,9 @@ WRONG = {
     "no pulley": ("[operation.load.pump]\npower = 1\n", r"operation\.load\.pump: there is no pulley 'pump'; give one of crankshaft"),
     "driver": ("[operation.load.crankshaft]\npower = 1\n", r"operation\.load\.crankshaft: the driver balances"),
     "twice": ("[operation.torque]\naccessory = 1\n" + POWER, r"operation\.load\.accessory: stands beside torque\.accessory; remove one of them"),
+    "no name": ("[operation.load]\npower = 1\n", r"operation\.load: found a table of 1 without a pulley's name; write \[operation\.load\.NAME\]"),
+    "top level": (POWER + "[load.accessory]\npower = 1\n", r"load: is not a key of this table; it belongs in \[\[duty\]\] or \[operation\]"),
+    "rpm": ("[operation.load.accessory]\nrpm = [1, 2]\npower = [1, 2]\n", r'load\.accessory\.rpm: is not a known key; .*speed = \["\.\.\. rpm", \.\.\.\] of a load'),
     "unknown": ("[operation.load.accessory]\npowr = 1\n", r"operation\.load\.accessory\.powr: is not a known key; did you mean 'power'"),
 }  # fmt: skip
 

@@ -91,6 +91,27 @@ def test_a_design_is_where_its_values_say(tmp_path):
     assert problem.own_values(study) == {"pulley.accessory.radius": 0.02697}
 
 
+LOADED = """
+[[point]]
+name = "as the drive"
+belt_speed = 10
+[[point]]
+name = "by torque"
+belt_speed = 10
+torque = { accessory = 1.5 }
+"""
+
+
+def test_the_torque_of_a_point_takes_the_place_of_its_pulleys_load(tmp_path):
+    text = (EXAMPLES / "three_pulley.toml").read_text()
+    text = text[: text.index("[operation.torque]")] + "[operation.load.accessory]\npower = 600\n"
+    (tmp_path / "three_pulley.toml").write_text(text)
+    (tmp_path / "study.toml").write_text(HEAD + LOADED)
+    study = bj.optimize.load_study(tmp_path / "study.toml")
+    torques = jax.vmap(lambda point: point.torques(study.drive))(study.cases.points)
+    np.testing.assert_allclose(torques[:, 2], [600 * 0.02697 / 10, 1.5], rtol=1e-15)
+
+
 BAD = {
     "unknown point": (limit("coupling@top"), "no operating point 'top'; there are idle, fast"),
     "no such mode": (limit("frequency:9"), "no mode '9'; give one of 1 to 8"),

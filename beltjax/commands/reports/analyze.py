@@ -151,11 +151,14 @@ class AnalyzeDocument(Document):
 
 
 def analyze_report(
-    path: str | os.PathLike[str], figure: str | None = None, si: bool = False
+    path: str | os.PathLike[str],
+    figure: str | None = None,
+    si: bool = False,
+    page: str | None = None,
 ) -> Report:
     """Analyze one drive file, and draw its modes where `figure` names a picture.
 
-    Tables are in the units of the file, or in SI.
+    Tables are in the units of the file, or in SI. `page` names a report in HTML.
 
     Raises `FileError` where the file describes no possible drive.
     """
@@ -182,14 +185,20 @@ def analyze_report(
     document["success"] = not failure
     if has_inertias(drive) and not few:
         document["warnings"].append(modes_left_out(drive, MOST_VIBRATING))
-    tables = analyze_tables(document, plain_numbers(drive, point), TableUnits(drive, si))
-    files: tuple[tuple[str, bytes], ...] = ()
+    sizes, units = plain_numbers(drive, point), TableUnits(drive, si)
+    tables = analyze_tables(document, sizes, units)
+    files: list[tuple[str, bytes]] = []
     if figure and found.modes and not failure:
         from beltjax.draw.layouts import mode_shapes, picture_bytes  # slow to load
 
         picture = mode_shapes(drive, point, found.modes)
-        files = ((figure, picture_bytes(picture, figure)),)
-    return Report(document, tables, failure, files)
+        files.append((figure, picture_bytes(picture, figure)))
+    if page:
+        from beltjax.commands.reports.analyze_page import analyze_page  # slow to load
+
+        content = analyze_page(drive, point, found, document, sizes, failure, units)
+        files.append((page, content))
+    return Report(document, tables, failure, tuple(files))
 
 
 def analyze_document(drive: Drive, point: OperatingPoint, found: Sensitivities) -> dict[str, Any]:

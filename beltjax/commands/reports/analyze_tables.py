@@ -26,15 +26,15 @@ def analyze_tables(document: dict[str, Any], sizes: dict[str, Any], units: Table
         parts += [hub_load_table(document["worst_hub_loads"], units)]
         where = "[operation]" if document["duty"] is None else f"duty {document['duty']}"
         parts.append(Text(f"Length, Gamma and what moves it, at {where}:\n"))
-        parts.append(_summary_table(document, units))
+        parts.append(summary_table(document, units))
     else:
         # The summary stands between pulleys and tensioners.
         coupling = (document["steady"] or {}).get("coupling")
         spans, *others = state_tables(document["drive"], document, coupling, units)
-        parts += [spans, others[0], _summary_table(document, units), *others[1:]]
-    parts.append(_model_line(document))
+        parts += [spans, others[0], summary_table(document, units), *others[1:]]
+    parts.append(model_line(document))
     if document["modes"]:
-        parts.append(_mode_table(document["modes"]))
+        parts.append(mode_table(document["modes"]))
     if document["sensitivities"]:
         slopes = _gamma_table(document["sensitivities"]["coupling_total"], sizes, units)
         parts.append(slopes if slopes.row_count else Text(_gamma_is_zero(sizes)))
@@ -59,7 +59,7 @@ def _span_table(
     # Both tensions are under the operating torques.
     tensions = units.head("standing", "N"), units.head("running", "N")
     meters = "meter (Hz)", "running (Hz)"
-    headers = "span", units.head("length", "m"), *tensions, *meters, "coupling Gamma_i"
+    headers = "span", units.head("length", "m"), *tensions, *meters, "Gamma_i"
     table = plain_table(escape(title), *headers)
     for row, gamma in zip(spans, coupling or [None] * len(spans), strict=True):
         length = units.text(row["length"], "m", 1)
@@ -100,7 +100,7 @@ def _coordinate_table(coordinates: list[dict[str, Any]], units: TableUnits) -> T
     return table
 
 
-def _model_line(document: dict[str, Any]) -> Text:
+def model_line(document: dict[str, Any]) -> Text:
     """Which model the numbers are of."""
     model = document["model"]
     counted = [name.replace("_", " ") for name, counts in model.items() if counts]
@@ -109,7 +109,8 @@ def _model_line(document: dict[str, Any]) -> Text:
     return Text(f"model: with {', '.join(counted)} ([model] of the drive file)\n")
 
 
-def _summary_table(document: dict[str, Any], units: TableUnits) -> Table:
+def summary_table(document: dict[str, Any], units: TableUnits) -> Table:
+    """Lengths, Gamma and the numbers of the whole drive."""
     table = plain_table("", "quantity", "value", "unit")
     layout, reference = document["layout"], document["reference"] or {}
     groups, steady = document["groups"] or {}, document["steady"] or {}
@@ -125,6 +126,11 @@ def _summary_table(document: dict[str, Any], units: TableUnits) -> Table:
         ("speed s", groups.get("speed"), 5, ""),
         ("stretch gamma", groups.get("stretch"), 2, ""),
     ]
+    rows += [
+        (f"standard lengths next to the path of {belt['name']}", belt["standard_lengths"], 3, "m")
+        for belt in document["belts"] or []
+        if belt["standard_lengths"]
+    ]
     for label, value, digits, unit in rows:
         if value is not None:
             values = value if isinstance(value, list) else [value]  # of several belts
@@ -133,7 +139,8 @@ def _summary_table(document: dict[str, Any], units: TableUnits) -> Table:
     return table
 
 
-def _mode_table(modes: dict[str, Any]) -> Table:
+def mode_table(modes: dict[str, Any]) -> Table:
+    """The lowest natural modes."""
     table = plain_table("Natural modes", "moves most", "Hz", "dimensionless")
     for label, hertz, omega in zip(
         modes["labels"], modes["hertz"], modes["dimensionless"], strict=True
@@ -150,7 +157,7 @@ def _gamma_table(slopes: dict[str, Any], sizes: dict[str, Any], units: TableUnit
         "d Gamma/d number",
         "unit",
     )
-    parts = (p for name in slopes for p in _components(name, sizes[name], slopes[name]))
+    parts = (p for name in slopes for p in components(name, sizes[name], slopes[name]))
     for name, change, slope in largest_changes(parts)[:_LARGEST_SENSITIVITIES]:
         one, unit = units.of_number(name.partition("[")[0], 1.0)
         per = f"1/({unit})" if set(unit) & set(" /*") else f"1/{unit}" if unit else ""
@@ -169,7 +176,8 @@ def _gamma_is_zero(sizes: dict[str, Any]) -> str:
     return "Nothing moves Gamma: all its derivatives are zero."
 
 
-def _components(name: str, size: Any, slope: Any) -> list[tuple[str, float, float]]:
+def components(name: str, size: Any, slope: Any) -> list[tuple[str, float, float]]:
+    """Name, size and slope of each single number of one that may be a vector."""
     if not isinstance(slope, list):
         return [(name, size, slope)]
     indices = [f"[{i}]" for i in range(len(slope))]

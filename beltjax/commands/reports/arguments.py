@@ -1,16 +1,36 @@
-"""Arguments of commands read from text: ranges of numbers, amplitudes, orders."""
+"""Arguments of commands: drive files, and text for ranges of numbers, amplitudes, orders."""
 
+import os
 from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
+from beltjax.drive.files import load_runs
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
 from beltjax.files.units import si_of_text
 
 Value = TypeVar("Value")
 _MOST_POINTS = 100_000
+
+
+def read_drive(
+    path: str | os.PathLike[str], duty: str | None = None
+) -> tuple[Drive, OperatingPoint]:
+    """The drive of a file, and the operating point of its [operation] or of the duty named.
+
+    Raises `FileError` as `load_drive` does, and for a duty that the file does not have.
+    """
+    drive, runs = load_runs(path)
+    if duty is None:
+        return drive, runs.point
+    if duty not in runs.duties:
+        known = f"give one of {', '.join(runs.duties)}" if runs.duties else "it has no [[duty]]"
+        raise FileError("--duty", "", f"there is no duty {duty!r} in {path}; {known}")
+    return drive, runs.duties[duty]
 
 
 def read_option(option: str, read: Callable[[], Value]) -> Value:

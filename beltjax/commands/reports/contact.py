@@ -17,6 +17,7 @@ from beltjax.analysis.contact import (
     without_friction,
 )
 from beltjax.analysis.steady import SteadyState, steady_state
+from beltjax.commands.reports.arguments import read_drive
 from beltjax.commands.reports.diagnosis import Diagnosis, speed_key, taken_key, travel_lead
 from beltjax.commands.reports.documents import (
     Document,
@@ -35,7 +36,6 @@ from beltjax.compiling.kept_programs import run_kept
 from beltjax.compiling.quick import quickly_compiled
 from beltjax.drive.bodies import single_arm
 from beltjax.drive.canonical import canonical
-from beltjax.drive.files import load_drive
 from beltjax.drive.installation import BeltGiven
 from beltjax.drive.layout import layout
 from beltjax.drive.operation import OperatingPoint
@@ -118,6 +118,7 @@ def contact_report(
     law: str,
     pictures: tuple[str | None, str | None] = (None, None),
     si: bool = False,
+    duty: str | None = None,
 ) -> Report:
     """The contact state of one drive file, under its torques or under the largest.
 
@@ -131,7 +132,7 @@ def contact_report(
         question = contact_question(law, maximum)
     except ValueError as error:
         raise FileError("--law", "", str(error).rstrip(".")) from error
-    drive, point = load_drive(path)
+    drive, point = read_drive(path, duty)
     if len(drive.belts) > 1 and point.mass_flow is not None:
         message = "is that of a single belt; give each belt's mass_per_length alone"
         raise FileError(path, "operation.mass_flow", message)

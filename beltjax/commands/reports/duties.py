@@ -133,7 +133,7 @@ def _tensions(duty: dict[str, Any]) -> Iterator[tuple[str, float | None]]:
 
 
 def _hub_loads(duty: dict[str, Any]) -> Iterator[tuple[str, float | None]]:
-    yield from ((row["name"], math.hypot(*row["hub_load"])) for row in duty["pulleys"])
+    yield from ((row["name"], _load(row)) for row in duty["pulleys"])
 
 
 def _slip_margins(duty: dict[str, Any]) -> Iterator[tuple[str, float | None]]:
@@ -226,3 +226,69 @@ def hub_load_table(loads: list[dict[str, Any]], units: TableUnits) -> Table:
     for row in loads:
         table.add_row(escape(row["at"]), units.text(row["value"], "N", 0), escape(row["duty"]))
     return table
+
+
+class _Row(NamedTuple):
+    """A quantity of every span, pulley or tensioner at every duty."""
+
+    title: str
+    part: str  # of the document
+    si: str
+    decimals: int
+    value: Callable[[dict[str, Any]], float | None]
+
+
+def _load(row: dict[str, Any]) -> float | None:
+    return None if row["hub_load"] is None else math.hypot(*row["hub_load"])
+
+
+def _place(row: dict[str, Any]) -> float | None:
+    return row["at_rest"] + row["change"]
+
+
+def _way(row: dict[str, Any]) -> float | None:
+    ways = [row[end] for end in ("to_least", "to_greatest") if row[end] is not None]
+    return min(ways, default=None)
+
+
+_BESIDE = (
+    _Row("Tension, running", "spans", "N", 1, lambda row: row["tension"]),
+    _Row("Tension meter, at rest", "spans", "Hz", 1, lambda row: row["meter_hz"]),
+    _Row("Tension meter, running", "spans", "Hz", 1, lambda row: row["meter_hz_running"]),
+    _Row("Hub load", "pulleys", "N", 0, _load),
+    _Row("Speed", "pulleys", "rad/s", 0, lambda row: row["speed"]),
+    _Row("Torque taken", "pulleys", "N m", 2, lambda row: row["torque"]),
+    _Row("Slip margin", "pulleys", "", 3, lambda row: row["slip_margin"]),
+    _Row("Place, running, from the drawn position", "coordinates", "", 3, _place),
+    _Row("Way left to the nearer stop", "coordinates", "", 3, _way),
+)
+_NAMES = {"spans": "span", "pulleys": "pulley", "coordinates": "tensioner"}
+
+
+def duty_tables(duties: list[dict[str, Any]], units: TableUnits) -> list[Table]:
+    """The duties side by side: a table for each quantity, a column for each duty."""
+    tables = []
+    for one in _BESIDE:
+        labels = [row["name"] for row in next(filter(None, (d[one.part] for d in duties)), [])]
+        texts = {
+            name: [_text(duty, one, k, units) for duty in duties] for k, name in enumerate(labels)
+        }
+        if any(text != "-" for row in texts.values() for text in row):
+            head = units.head(one.title, one.si) if one.si else one.title
+            table = plain_table(head, _NAMES[one.part], *(escape(d["name"]) for d in duties))
+            for name, row in texts.items():
+                table.add_row(escape(name), *row)
+            tables.append(table)
+    return tables
+
+
+def _text(duty: dict[str, Any], of: _Row, k: int, units: TableUnits) -> str:
+    """One cell; of tensioners with its unit, since they may be of two kinds."""
+    if not duty[of.part] or not duty["success"]:
+        return "-"
+    row = duty[of.part][k]
+    if of.part != "coordinates":
+        return units.text(of.value(row), of.si, of.decimals)
+    si = "rad" if row["kind"] == "rotary" else "m"
+    text = units.text(of.value(row), si, of.decimals)
+    return text if text == "-" else f"{text} {units.name(si)}"

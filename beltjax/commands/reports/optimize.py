@@ -194,7 +194,7 @@ def optimize_report(
         duties = study.cases.duties if study.cases else {}
         files.append((given.drive, drive_bytes(design.drive, study.point, duties)))
     if given.page:
-        from beltjax.commands.reports.page import study_page  # slow to load
+        from beltjax.commands.reports.study_page import study_page  # slow to load
 
         before = {
             name: (float(optimize.value_of(study.drive, name)), optimize.unit_of(study.drive, name))

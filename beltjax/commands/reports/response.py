@@ -86,6 +86,7 @@ class ResponseOptions(NamedTuple):
     order: float | None
     speeds: str
     modal_damping: float | None
+    duty: str | None = None
 
 
 def response_report(
@@ -99,7 +100,7 @@ def response_report(
 
     Raises `FileError` as `sweep_report` does.
     """
-    drive, point = vibrating(path)
+    drive, point = vibrating(path, given.duty)
     excitation = _excitation(path, drive, point, given)
     order = _order(point, given)
     if not 0 < order < np.inf:

@@ -12,6 +12,7 @@ from beltjax.analysis.steady import SteadyState
 from beltjax.commands.reports.documents import Maybe, Part, meaning, plain
 from beltjax.compiling.kept_programs import run_kept
 from beltjax.drive.components import KINDS, Tensioner
+from beltjax.drive.fitting import next_lengths
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.shafts import transmission
 from beltjax.drive.system import Drive
@@ -41,6 +42,10 @@ class BeltPart(Part):
     tension_change: Maybe = meaning("N, from at rest to running")
     unstretched_length: Maybe = meaning("m")
     path_length: Maybe = meaning("m")
+    standard_lengths: list[float] = meaning(
+        "m, next to that of the path: the shorter or equal one and the longer one; empty where "
+        "none are known"
+    )
     speed: Maybe = meaning("m/s, of the unstretched belt")
 
 
@@ -135,6 +140,7 @@ def belts(drive: Drive, steady: SteadyState, running: bool) -> list[dict[str, An
             "tension_change": change if running else None,
             "unstretched_length": unstretched,
             "path_length": path,
+            "standard_lengths": [] if path is None else next_lengths(belt, path),
             "speed": speed,
         }
         for belt, change, unstretched, path, speed in columns

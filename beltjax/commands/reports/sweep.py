@@ -68,12 +68,13 @@ def sweep_report(
     outputs: tuple[str | None, str | None],
     advance: Advance,
     si: bool = False,
+    duty: str | None = None,
 ) -> Report:
     """Sweep one number of a drive file; `outputs` name a NetCDF file and a picture.
 
     Raises `FileError` for options that cannot be used.
     """
-    drive, point = vibrating(path)
+    drive, point = vibrating(path, duty)
     netcdf, figure = outputs
     name, text = read_option("--over", lambda: read_named(over, "NAME=FROM:TO:POINTS"))
     read_option("--over", lambda: require_number(drive, name))

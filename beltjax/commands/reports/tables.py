@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
-from rich.console import Group, RenderableType
+from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
@@ -94,6 +94,12 @@ def _write_cell(cell: Any, text: str, is_number: bool, head: bool) -> None:
         cell.font = Font(bold=True)
 
 
+def width_of(shown: RenderableType) -> int:
+    """Characters in which every table is shown whole, and lines of text are read well."""
+    room = Console(width=10_000)
+    return max([120, *(room.measure(table).maximum for table in _tables_in(shown))])
+
+
 class PlainTable(NamedTuple):
     """A table as text: what it is called, the heads of its columns, and its cells."""
 
@@ -101,6 +107,12 @@ class PlainTable(NamedTuple):
     heads: list[str]
     rows: list[list[str]]
     are_words: list[bool]  # of each column, or numbers
+
+    @property
+    def width(self) -> int:
+        """Characters of its columns beside each other, with gaps between them."""
+        columns = zip(self.heads, *self.rows, strict=True)
+        return sum(2 + max(map(len, column)) for column in columns)
 
 
 def plain_tables(shown: RenderableType) -> Iterator[PlainTable]:

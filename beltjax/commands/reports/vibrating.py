@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from beltjax.analysis.linearization import has_inertias
-from beltjax.drive.files import load_drive
+from beltjax.commands.reports.arguments import read_drive
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
@@ -32,9 +32,11 @@ def require_few_pulleys(drive: Drive, path: str | os.PathLike[str], what: str) -
 RPM = 60 / (2 * np.pi)  # of 1 rad/s
 
 
-def vibrating(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint]:
+def vibrating(
+    path: str | os.PathLike[str], duty: str | None = None
+) -> tuple[Drive, OperatingPoint]:
     """The drive of a file; raises `FileError` where no vibration can be found for it."""
-    drive, point = load_drive(path)
+    drive, point = read_drive(path, duty)
     require_inertias(drive, path, "vibration needs")
     require_few_pulleys(drive, path, "modes and responses")
     return drive, point

@@ -1,10 +1,7 @@
 """The report of a design study: one HTML file that needs nothing beside it."""
 
-import io
-import re
 from typing import Any
 
-import jinja2
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -14,6 +11,7 @@ from beltjax import optimize
 from beltjax.analysis.linearization import has_inertias
 from beltjax.analysis.sweep import sweep
 from beltjax.commands.reports.optimize import snapped_line
+from beltjax.commands.reports.pages import inline_svg, rendered
 from beltjax.commands.reports.tables import largest_changes
 from beltjax.commands.reports.units import TableUnits
 from beltjax.draw.curves import sweep_figure
@@ -46,15 +44,8 @@ def study_page(
     frequencies = None
     if design.success and has_inertias(design.drive):
         frequencies = inline_svg(_frequencies(design.drive, study.point))
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("beltjax.commands.reports", ""),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
-    environment.filters["short"] = _short
-    page = environment.get_template("page.html").render(
+    return rendered(
+        "study_page.html",
         study=study,
         document=document,
         before=before,
@@ -68,21 +59,6 @@ def study_page(
         frequencies=frequencies,
         sensitivities=_sensitivities(study, design),
     )
-    return page.encode()
-
-
-def inline_svg(figure: Figure) -> str:
-    """A figure as an SVG element that takes the width of the page."""
-    content = io.StringIO()
-    # Fixed, so that one study gives one page: no date, no random names.
-    figure.savefig(content, format="svg", metadata={"Date": None}, bbox_inches="tight")
-    svg = content.getvalue()
-    svg = re.sub("<metadata>.*?</metadata>", "", svg[svg.index("<svg") :], flags=re.DOTALL)
-    return re.sub(r'<svg([^>]*?) width="[^"]*"', r"<svg\1", re.sub(r' height="[\d.]+pt"', "", svg))
-
-
-def _short(value: float | None) -> str:
-    return "–" if value is None else f"{value:.5g}"
 
 
 def _bounds(study: optimize.Study) -> dict[str, tuple[float, float]]:
