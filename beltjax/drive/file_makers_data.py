@@ -31,7 +31,8 @@ def in_terms_of_the_drive(content: dict[str, Any], path: object) -> dict[str, An
     Raises `FileError` for a radius that is given twice, and for an offset that is missing. What is
     no table or no list is left for the file's own rules to refuse.
     """
-    belts = {table.get("name", "belt"): table for table in _tables(content.get("belt"))}
+    named = [(table.get("name", "belt"), table) for table in _tables(content.get("belt"))]
+    belts = {name: table for name, table in named if isinstance(name, str)}
     plain = dict(content)
     if isinstance(content.get("pulley"), list):
         plain["pulley"] = [_pulley(table, belts, path) for table in content["pulley"]]
@@ -92,7 +93,8 @@ def _pulley(table: Any, belts: dict[Any, dict[str, Any]], path: object) -> Any:
     name = f"pulley.{table.get('name', '')}"
     if "groove_angle" in table:
         table = _in_groove(table, name, path)
-    belt = belts.get(table.get("belt"), next(iter(belts.values()), {}))
+    own, first = table.get("belt"), next(iter(belts.values()), {})
+    belt = belts.get(own, first) if isinstance(own, str) else first
     if "pitch" in belt and "friction" in table:
         message = f"the toothed belt ({_label(belt)}.pitch) does not slip; remove this"
         raise FileError(path, f"{name}.friction", message)

@@ -92,19 +92,16 @@ def to_si(value: Any, unit: str) -> float:
 
 def decimal_meters(value: Any) -> Decimal | None:
     """A length in m with every digit that is written; None for what is no length."""
-    if isinstance(value, bool):
-        return None
-    if isinstance(value, int | float):
-        # The shortest text that reads back the same has the digits that were written, up to 15.
-        return Decimal(repr(value)) if math.isfinite(value) else None
-    parts = _NUMBER_WITH_UNIT.fullmatch(value) if isinstance(value, str) else None
-    if parts is None or len(value) > _LONGEST:
-        return None
     try:
-        factor = to_si(f"1 {parts[2]}", "m")
+        to_si(value, "m")
+        if not isinstance(value, str):
+            # The shortest text that reads back the same has the digits written, up to 15.
+            return Decimal(repr(value))
+        parts = _NUMBER_WITH_UNIT.fullmatch(value)
+        factor = to_si(f"1 {parts[2]}", "m") if parts else 0.0
     except ValueError:
         return None
-    return Decimal(parts[1]) * Decimal(repr(factor))
+    return Decimal(parts[1]) * Decimal(repr(factor)) if parts else None
 
 
 def si_of_text(text: str, unit: str) -> float:
