@@ -30,7 +30,7 @@ BLOCKS = {
     "optimizing": 2,
     "reading": 3,
     "robust": 4,
-    "several_tensioners": 10,
+    "several_tensioners": 11,
     "troubleshooting": 1,
     "vibration": 4,
 }
