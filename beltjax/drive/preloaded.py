@@ -13,7 +13,7 @@ from beltjax.numerics.definite import Definite, definite_solve
 
 
 def balancing_tensions(made: Assembly, rule: Preloaded) -> Definite:
-    """Tensions [N] that balance the drawn bodies whose springs and loads are all known.
+    """Tensions [N] that balance the drawn bodies whose springs and outside forces are known.
 
     They are not definite where a belt has no such body. Of more bodies than belts they are those of
     least squares, which the balance of each body then tests.
@@ -26,7 +26,7 @@ def balancing_tensions(made: Assembly, rule: Preloaded) -> Definite:
     wound = jnp.where(lacking, 0.0, of.stiffness * jnp.where(lacking, 0.0, free))
     # Moments count over a length beside forces.
     weight = known * jnp.where(made.bodies.rotary > 0, 1.0 / made.mean_length, 1.0)
-    force = (made.loads.push(made.bodies, made.still) + wound @ of.rows) * weight
+    force = (made.outside.push(made.bodies, made.still) + wound @ of.rows) * weight
     pulls = made.loops.sums(made.drawn.span_pulls) * weight
     return definite_solve(pulls @ pulls.T, pulls @ force, jnp.ones(belts))
 

@@ -233,7 +233,7 @@ def _span_table(document: dict[str, Any], units: TableUnits) -> Table:
 
 def _standard_table(document: dict[str, Any], units: TableUnits) -> Table:
     heads = units.head("length", "m"), "teeth", "fits with", ""
-    table = plain_table("Standard belts", "belt", *heads)
+    table = plain_table("Standard belts, without tension", "belt", *heads)
     for row in document["standard_belts"]:
         teeth = "-" if row["teeth"] is None else str(row["teeth"])
         first = escape(row["belt"]), units.text(row["length"], "m", 2), teeth
