@@ -14,7 +14,7 @@ from beltjax.compiling.quick import quickly_compiled
 from beltjax.drive.buildable import drawn_arm_angle, layout_fault
 from beltjax.drive.canonical import canonical
 from beltjax.drive.components import KINDS
-from beltjax.drive.installation import BeltGiven
+from beltjax.drive.installation import BeltGiven, Preloaded
 from beltjax.drive.layout import layout
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
@@ -197,16 +197,23 @@ def _slack_diagnosis(drive: Drive, point: OperatingPoint, steady: SteadyState) -
         found = f"span {drive.span_names[i]} is slack at rest ({tensions[i]:.4g} N)"
         if getattr(drive.installation, "span_tensions", None) is not None:
             return Diagnosis("installation.span_tensions", f"{found}: give tensions above 0", False)
-        remedy = "raise installation.tension, or lower the torques"
+        remedy = f"raise {_tightener(drive)}, or lower the torques"
         key = taken_key(point) or "operation.torque"
         return Diagnosis(key, f"{found} under these torques: {remedy}", False)
     span = drive.span_names[int(np.argmin(np.asarray(reference.tensions)))]
     return Diagnosis(
         speed_key(point),
         f"span {span} goes slack at a belt speed of {float(point.speed(drive)):.4g} m/s: lower the "
-        "speed or raise installation.tension",
+        f"speed or raise {_tightener(drive)}",
         False,
     )
+
+
+def _tightener(drive: Drive) -> str:
+    """What an engineer raises to have more tension."""
+    if isinstance(drive.installation, Preloaded):
+        return "the preload, force or weight of its tensioner"
+    return "installation.tension"
 
 
 def taken_key(point: OperatingPoint) -> str:
