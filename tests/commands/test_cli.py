@@ -292,7 +292,7 @@ def test_bad_study_is_one_line_and_writes_nothing(case, run, tmp_path):
 def test_fresh_process_sets_double_precision_and_handles_an_interrupt(tmp_path):
     code = (
         "import beltjax.__main__, beltjax.commands.reports.analyze as jobs, sys\n"
-        "def stop(path, figure, si): raise KeyboardInterrupt\n"
+        "def stop(*_): raise KeyboardInterrupt\n"
         "jobs.analyze_report = stop\n"
         "sys.argv = ['beltjax', 'analyze', 'x.toml', '--json', 'out.json']\n"
         "beltjax.__main__.main()"
