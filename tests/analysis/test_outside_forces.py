@@ -163,6 +163,7 @@ def test_a_weight_on_the_take_up_pulls_two_strands(tmp_path, given):
         assert float(jnp.sum(runs.running_tensions) - 2 * flux) == pytest.approx(9000, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_contact_finds_the_same_weight(tmp_path):
     """Each strand's pull on the drum is its tension less the momentum that it brings."""
     drive, point = load(tmp_path, TAKE_UP)
@@ -291,6 +292,7 @@ def test_a_hanging_body_resists_like_a_pendulum(tmp_path):
     assert stiffness[0] - stiffness[1] == pytest.approx(weight * 0.28, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_derivatives_by_weights_and_forces(tmp_path):
     """Forward, reverse and by differences, of tensions and the arm, by every number of the file."""
     text = swap(swap(ROCKER, "1e13", "1e5"), "mass = 30.0", 'mass = 30.0\nforce = "2 N m"')

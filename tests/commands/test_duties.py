@@ -268,6 +268,7 @@ def test_states_of_duties_are_one_program(tmp_path):
     assert explanations(warned.warning)[:3] == ("", "", "")
 
 
+@pytest.mark.slow
 def test_derivatives_follow_speeds_and_loads(tmp_path):
     (tmp_path / "drive.toml").write_text(BARE + DUTIES)
     drive, duties = bj.load_duties(tmp_path / "drive.toml")

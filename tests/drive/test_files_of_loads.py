@@ -95,6 +95,7 @@ def test_a_load_on_another_belt_turns_with_its_own_pulley(tmp_path):
     assert torques["crank2"] * 15.0 / 0.075 == pytest.approx(-400.0, rel=1e-14)
 
 
+@pytest.mark.slow
 def test_contact_takes_the_torque_of_a_load():
     """The driven pulley turns with the belt, but for what the belt stretches: P/omega at rest."""
     drive, _ = example("two_pulley_table_5_1")
@@ -107,6 +108,7 @@ def test_contact_takes_the_torque_of_a_load():
     assert abs(float(one.moments[1])) == pytest.approx(20.0 * radius / speed, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_derivatives_are_total(tmp_path):
     """By speed, radius and the numbers of the table: the torque follows each of them."""
     drive, point = load(tmp_path, with_load(TABLE))
