@@ -64,14 +64,17 @@ def frequencies_at_rest(M, K):
 def companion_frequencies(M, G, K):
     """Positive imaginary parts of all eigenvalues by SciPy's general `eig`; the worst growth.
 
-    The eigenvalues are the inverses of those of mu^2 K + mu G + M, for the reason given above.
+    They are found as the inverses of the eigenvalues of mu^2 K + mu G + M, for the reason given
+    above, unless the drive has a rigid motion.
     """
-    size = len(M)
     unit = 1 / np.sqrt(np.abs(np.diag(K)))
     M, G, K = (matrix * unit[:, None] * unit for matrix in (M, G, K))
-    lower = -np.linalg.solve(K, np.hstack([M, G]))
+    rigid = np.linalg.cond(K) > 1e12
+    last, first = (M, K) if rigid else (K, M)
+    lower = -np.linalg.solve(last, np.hstack([first, G]))
+    size = len(M)
     A = np.vstack([np.hstack([np.zeros((size, size)), np.eye(size)]), lower])
-    values = 1 / scipy.linalg.eigvals(A)
+    values = scipy.linalg.eigvals(A) if rigid else 1 / scipy.linalg.eigvals(A)
     return np.sort(values.imag[values.imag > 1e-9]), values.real.max()
 
 
