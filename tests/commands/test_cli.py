@@ -198,6 +198,21 @@ def test_drive_that_cannot_run_is_an_answer(run, tmp_path, old, new, says):
 
 
 @pytest.mark.parametrize(
+    ("teeth", "found"), [(110, "0.5500 m, too short"), (130, "0.6500 m, too long")]
+)
+def test_a_belt_that_no_place_of_its_eccentric_holds_is_told_by_the_paths(
+    run, tmp_path, teeth, found
+):
+    """The roller, 6 mm off its axis, moves the path of 119 teeth by less than 24 mm."""
+    text = (EXAMPLES / "timing_belt_eccentric.toml").read_text()
+    (tmp_path / "other.toml").write_text(text.replace("teeth = 119 }", f"teeth = {teeth} }}"))
+    status, _, err = run("analyze", "other.toml")
+    assert status == 1
+    assert one_line(err)
+    assert f"installation.belt_length: found {found}: with eccentric" in err
+
+
+@pytest.mark.parametrize(
     ("words", "says"),
     [
         (("analyze",), "Missing argument"),
