@@ -165,17 +165,32 @@ def _belt_diagnosis(drive: Drive, rule: BeltGiven) -> Diagnosis:
         if found < shortest
         else "too long"
         if found > longest
-        else "not held by free_angle"
+        else "not held by the springs as they are relaxed"
     )
-    remedy = "change belt_length or free_angle" if len(turns) > 1 else "change belt_length"
+    remedy = "change belt_length"
+    if len(turns) > 1:
+        remedy += " or what its springs have (free_angle, free or preload)" + _stops_off(drive)
     stiff = float(drive.belt.bending_stiffness) > 0
     if stiff and longest < found < (1 + _ROOM) * longest:
         remedy += "; that is for a string: `beltjax contact` finds whether a stiff belt is tight"
     return Diagnosis(
         "installation.belt_length",
-        f"found {length} m, {too}: the path takes {' to '.join(path)} m; {remedy}",
+        f"found {length} m, {too}: the path takes {' to '.join(path)} m along the neutral axis; "
+        f"{remedy}",
         True,
     )
+
+
+def _stops_off(drive: Drive) -> str:
+    """Says so where the stops of a tensioner leave out its drawn position; else empty."""
+    for body in drive.tensioners:
+        least, greatest = np.asarray(body.stops)
+        if not least <= 0 <= greatest:
+            return (
+                f"; the stops of {body.name} leave out the drawn position: those of [tensioner] "
+                "are directions of the arm, those of [[tensioner]] count from the drawn position"
+            )
+    return ""
 
 
 def _adjusted_diagnosis(drive: Drive, rule: AdjustedToTension | AdjustedToMark) -> Diagnosis | None:
