@@ -10,7 +10,9 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+from beltjax.drive.components import LARGEST_BARE_RADIUS
 from beltjax.files.errors import FileError
+from beltjax.files.tables import require_moderate
 from beltjax.files.units import shown, to_si
 
 # Keys of a pulley that stand for its radius, and the key of its belt that says how far the belt's
@@ -113,6 +115,10 @@ def _pulley(table: Any, belts: dict[Any, dict[str, Any]], path: object) -> Any:
         message = f"belongs to a pulley with face = {face!r}; give {other} or diameter"
         raise FileError(path, f"{name}.{key}", message)
     offset = DIAMETERS[key]
+    try:
+        require_moderate(table[key], 2 * LARGEST_BARE_RADIUS)
+    except ValueError as error:
+        raise FileError(path, f"{name}.{key}", str(error)) from error
     radius = _length(table[key], f"{name}.{key}", path) / 2
     if offset:
         radius += _of_belt(belt, offset, path)

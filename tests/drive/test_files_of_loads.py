@@ -231,7 +231,7 @@ WRONG = {
     "torque without speed": ("[operation.load.accessory]\ntorque = 2\n", r"load\.accessory\.torque: goes with a list speed; a torque for any speed is operation\.torque\.NAME"),
     "lengths": ("[operation.load.accessory]\npower = [1, 2, 3]\nspeed = [1, 2]\n", r"load\.accessory\.power: found 3 for 2 speeds; give one for each"),
     "falling": ("[operation.load.accessory]\npower = [1, 2]\nspeed = [2, 1]\n", r"load\.accessory\.speed: must increase"),
-    "one speed": ("[operation.load.accessory]\npower = [1]\nspeed = [2]\n", r"load\.accessory\.speed: a table has at least two speeds"),
+    "one speed": ("[operation.load.accessory]\npower = [1]\nspeed = [2]\n", r"load\.accessory\.speed: a table has at least two speeds; give more, or, for any speed, power alone, or operation\.torque\.NAME"),
     "speeds alone": ("[operation.load.accessory]\nspeed = [1, 2]\n", r"load\.accessory\.speed: is given without power or torque"),
     "both": ("[operation.load.accessory]\nspeed = [1, 2]\npower = [1, 2]\ntorque = [1, 2]\n", r"load\.accessory\.power: is given beside torque; give one of them"),
     "empty": ("[operation.load.accessory]\n", r"load\.accessory\.power: is missing"),
