@@ -15,7 +15,7 @@ from ..problem import ProblemScales, Starts, evaluation, limited_rows
 from ..study import Study
 from .registry import AbstractOptimizer, optimizer
 from .results import History, SearchResult, SearchTools, StartOutcome
-from .sl1qp import Bounds, SequentialIterate, Method, first_iterate, next_iterate, slopes_of
+from .sl1qp import Bounds, Method, SequentialIterate, first_iterate, next_iterate, slopes_of
 
 FEW = 256  # starts up to which compiling quickly beats running quickly
 WIDTH = 64  # starts in a batch

@@ -12,10 +12,10 @@ from beltjax.compiling.batched_loops import in_lanes_of
 
 from .sl1qp import (
     Bounds,
-    SequentialIterate,
     Method,
     Rows,
     Scalar,
+    SequentialIterate,
     Vector,
     curvature_of,
     first_iterate,
