@@ -30,7 +30,7 @@ _LEAST_PRICE, _LARGEST_PRICE = 1e-6, 1e10
 _ANEW = 3  # times a search that does not get on begins anew
 _LEAST_GAIN = 1e-4  # part of the predicted gain with which a step is taken
 _POOR, _GOOD = 0.25, 0.75  # parts of it below and above which the radius changes
-_ROOM = 1e-12  # left to a variable at its bound
+_ROOM = 1e-14  # between bounds that leave none
 _WIDEST = 1e6  # radius, over the first one
 _LEAST_CURVATURE = 1e-10  # relative; what bends as the sixth power counts as bent, to 1e-9
 _ACROSS = 10.0  # curvature across rows that hold, over that of the Lagrangian
@@ -236,8 +236,7 @@ def _next_price(
     """The price of violation, and whether it is higher."""
     largest = jnp.max(step.multipliers, initial=0.0)
     # What a program leaves unmet at this price costs more from now on, unless the radius held it.
-    now = jnp.sum(jnp.maximum(s.at.c, 0.0))
-    held = (length > 0.9 * s.radius) & (step.left < 0.9 * now)
+    held = (length > 0.9 * s.radius) & (step.left < jnp.sum(jnp.maximum(s.at.c, 0.0)))
     short = (step.left > by.tol) & (s.violation > by.tol) & (largest > 0.9 * s.price) & ~held
     higher = jnp.minimum(_GROWTH * s.price, _LARGEST_PRICE)
     # A price far above the multipliers makes a search creep along curved constraints.
