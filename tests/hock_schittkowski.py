@@ -2,7 +2,7 @@
 
 Each by its number there: objective, what must be 0 or less, what must be 0, bounds, start, and the
 objective at the solution that the book gives; `other` is that of another local minimum, in closed
-form. Rows of large numbers are divided by their size. The statements are this project's own.
+form or as SciPy finds it. Rows of large numbers are divided by their size. The statements are this project's own.
 """
 
 from collections.abc import Callable
@@ -175,36 +175,40 @@ def _hs112_rows(x):
     return stack(a + 2 * b + 2 * c + g + k - 2, d + 2 * e + g + h - 1, c + h + i + 2 * j + k - 1)
 
 
+# Data that problems 86 and 117 share.
+COLVILLE = {
+    "e": [-15.0, -27, -36, -18, -12],
+    "c": [
+        [30.0, -20, -10, 32, -10],
+        [-20, 39, -6, -31, 32],
+        [-10, -6, 10, -6, -10],
+        [32, -31, -6, 39, -20],
+        [-10, 32, -10, -20, 30],
+    ],
+    "d": [4.0, 8, 10, 6, 2],
+    "a": [
+        [-16.0, 2, 0, 1, 0],
+        [0, -2, 0, 4, 2],
+        [-3.5, 0, 2, 0, 0],
+        [0, -2, 0, -4, -1],
+        [0, -9, -2, 1, -2.8],
+        [2, 0, -4, 0, 0],
+        [-1, -1, -1, -1, -1],
+        [-1, -2, -3, -2, -1],
+        [1, 2, 3, 4, 5],
+        [1, 1, 1, 1, 1],
+    ],
+    "b": [-40.0, -2, -0.25, -4, -4, -1, -40, -60, 5, 1],
+}
+
+
 def _hs86(x):
-    e = jnp.array([-15.0, -27, -36, -18, -12])
-    C = jnp.array(
-        [
-            [30.0, -20, -10, 32, -10],
-            [-20, 39, -6, -31, 32],
-            [-10, -6, 10, -6, -10],
-            [32, -31, -6, 39, -20],
-            [-10, 32, -10, -20, 30],
-        ]
-    )
-    return e @ x + x @ C @ x + jnp.array([4.0, 8, 10, 6, 2]) @ x**3
+    c, d, e = (jnp.array(COLVILLE[key]) for key in "cde")
+    return e @ x + x @ c @ x + d @ x**3
 
 
 def _hs86_rows(x):
-    a = jnp.array(
-        [
-            [-16.0, 2, 0, 1, 0],
-            [0, -2, 0, 4, 2],
-            [-3.5, 0, 2, 0, 0],
-            [0, -2, 0, -4, -1],
-            [0, -9, -2, 1, -2.8],
-            [2, 0, -4, 0, 0],
-            [-1, -1, -1, -1, -1],
-            [-1, -2, -3, -2, -1],
-            [1, 2, 3, 4, 5],
-            [1, 1, 1, 1, 1],
-        ]
-    )
-    return jnp.array([-40.0, -2, -0.25, -4, -4, -1, -40, -60, 5, 1]) - a @ x
+    return jnp.array(COLVILLE["b"]) - jnp.array(COLVILLE["a"]) @ x
 
 
 _ROOT2, _ROOT3 = np.sqrt(2.0), np.sqrt(3.0)

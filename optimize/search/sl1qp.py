@@ -62,9 +62,10 @@ class Method(NamedTuple):
 
     look: Look
     bounds: Bounds
-    radius: float  # of the first step
+    radius: float  # of the first step, in the sizes of the variables
     tol: float
     curvature: Curvature | None = None  # updates stand for it where it is None
+    sizes: Vector | float = 1.0
     equal: int = 0  # of the last rows, so many are those before them, negated: equalities
 
 
@@ -146,7 +147,7 @@ def next_iterate(by: Method, s: SequentialIterate) -> SequentialIterate:
     moves = is_.taken & ~done
     x = jnp.where(moves, step.x, s.x)
     there = jax.tree.map(lambda a, b: jnp.where(moves, a, b), new, at)
-    length = jnp.max(jnp.abs(step.d), initial=0.0)
+    length = jnp.max(jnp.abs(step.d) / by.sizes, initial=0.0)
     radius = _next_radius(by, s, is_, length)
 
     price, short = _next_price(by, s, step, is_, length)
@@ -175,14 +176,15 @@ def next_iterate(by: Method, s: SequentialIterate) -> SequentialIterate:
 def _proposed(by: Method, s: SequentialIterate) -> _Step:
     """The step of the quadratic program within the trust region."""
     at, bounds = s.at, by.bounds
-    least = jnp.maximum(-s.radius, bounds.least - s.x) - _ROOM
-    greatest = jnp.minimum(s.radius, bounds.greatest - s.x) + _ROOM
+    reach = s.radius * by.sizes
+    least = jnp.maximum(-reach, bounds.least - s.x) - _ROOM
+    greatest = jnp.minimum(reach, bounds.greatest - s.x) + _ROOM
     program = QuadraticProgram(s.B, at.g, at.J, at.c + s.shift, least, greatest, s.price)
     d, multipliers = solve_quadratic_program(program)
     multipliers = _netted(multipliers, by.equal)
     x = jnp.clip(s.x + d, *bounds)
     d = x - s.x
-    left = jnp.sum(jnp.maximum(at.c + at.J @ d, 0.0))
+    left = jnp.sum(jnp.maximum(program.c + at.J @ d, 0.0))
     promised = at.f + at.g @ d + 0.5 * d @ (s.B @ d) + s.price * left
     correcting = s.gain > 0
     gain = jnp.where(correcting, s.gain, _merit(at, s.price) - promised)

@@ -90,8 +90,9 @@ def sqp(
 
     curvature = curvature_of(evaluate) if second_derivatives else None
     equal = len(_rows(equalities, start))
-    by = Method(slopes_of(evaluate), inside, radius, tol, curvature, equal)
     x = jnp.clip(flat, *inside)
+    sizes = jnp.maximum(jnp.abs(x), 1.0)
+    by = Method(slopes_of(evaluate), inside, radius, tol, curvature, sizes, equal)
 
     def unfinished(s: SequentialIterate) -> Bool[Array, ""]:
         return ~s.stopped & (s.steps < max_steps)
