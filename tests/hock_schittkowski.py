@@ -2,7 +2,8 @@
 
 Each by its number there: objective, what must be 0 or less, what must be 0, bounds, start, and the
 objective at the solution that the book gives; `other` is that of another local minimum, in closed
-form or as SciPy finds it. Rows of large numbers are divided by their size. The statements are this project's own.
+form or as SciPy finds it. Rows of large numbers are divided by their size. The statements are this
+project's own.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""More problems of Hock and Schittkowski (1981): those with data, and models of plants and networks.
+"""More problems of Hock and Schittkowski (1981), with data and of plants and networks.
 
 As in `hock_schittkowski`; rows of large numbers are divided by their size. Every statement is
 confirmed by SciPy's SLSQP or by this project's own search, at the printed digits, from the start.
@@ -16,10 +16,45 @@ def between(value, least, greatest):
 
 
 _AGES = np.repeat(np.arange(8.0, 43, 2), [2, 4, 4, 3, 3, 2, 3, 3, 3, 3, 2, 3, 2, 1, 2, 2, 1, 1])
-_CHLORINE = np.array(
-    [49, 49, 48, 47, 48, 47, 46, 46, 45, 43, 45, 43, 43, 44, 43, 43, 46, 45, 42, 42, 43, 41, 41, 40]
-    + [42, 40, 40, 41, 40, 41, 41, 40, 40, 40, 38, 41, 40, 40, 41, 38, 40, 40, 39, 39]
-) / 100  # fmt: skip
+_CHLORINE = np.repeat(
+    np.array(
+        [
+            49,
+            48,
+            47,
+            48,
+            47,
+            46,
+            45,
+            43,
+            45,
+            43,
+            44,
+            43,
+            46,
+            45,
+            42,
+            43,
+            41,
+            40,
+            42,
+            40,
+            41,
+            40,
+            41,
+            40,
+            38,
+            41,
+            40,
+            41,
+            38,
+            40,
+            39,
+        ]
+    )
+    / 100,
+    [2, 1, 1, 1, 1, 2, 1, 1, 1, 2, 1, 2, 1, 1, 2, 1, 2, 1, 1, 2, 1, 1, 2, 3, 1, 1, 2, 1, 1, 2, 2],
+)
 
 
 def _hs57(x):

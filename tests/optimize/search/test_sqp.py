@@ -10,7 +10,6 @@ from hock_schittkowski_engineering import MORE
 import beltjax as bj
 from beltjax.compiling.quick import quickly_compiled
 
-
 # Equalities, many active bounds, quartic and ill-scaled objectives, an exact vertex.
 PROBLEMS = FIRST | MORE
 FEW = (10, 24, 26, 41, 64, 71, 76)
