@@ -128,10 +128,11 @@ def _refined(
     y = jnp.where(pays, of.price, jnp.where(holds, at.of_z, 0.0))
     size = jnp.trace(of.B) / jnp.maximum(jnp.max(jnp.sum(of.J**2, axis=1), initial=0.0), 1e-300)
     weight = jnp.where(holds, _STIFF * size, 0.0)
-    stiff = (of.B + (products @ weight)[places]) * free[:, None] * free + jnp.diag(1 - free)
+    matrix = (of.B + (products @ weight)[places]) * free[:, None] * free + jnp.diag(1 - free)
+    stiff = _factored(matrix)
     for _ in range(_REFINEMENTS):
         slope = of.B @ d + of.g + (y + weight * (of.c + of.J @ d)) @ of.J
-        d = d - cholesky_solve(stiff, free * slope)
+        d = d - _solved(stiff, free * slope)
         y = y + weight * (of.c + of.J @ d)
     slope, row = of.B @ d + of.g + y @ of.J, of.c + of.J @ d
     allowed = 1e-9 * (1.0 + jnp.max(jnp.abs(of.g)))
@@ -170,7 +171,7 @@ def _step(
     low, high = at.of_least / below, at.of_greatest / above
     matrix = of.B + weighted(weight) + jnp.diag(low + high)
     right = aim / below - aim / above - of.B @ at.d - of.g - (at.of_z + row) @ of.J
-    d = cholesky_solve(matrix, right)
+    d = _solved(_factored(matrix), right)
     moved = of.J @ d
     of_z = row + weight * moved
     s = s_first + give * of_z
@@ -200,19 +201,31 @@ def _length(values: tuple[Array, ...], moves: tuple[Array, ...]) -> Float[Array,
     return jnp.minimum(1.0, _SHORT * jnp.min(reach))
 
 
-def cholesky_solve(matrix: Float[Array, "n n"], right: Vector) -> Vector:
-    """Solution of positive definite equations, column by column, as vector operations on lanes."""
-    n = len(right)
+class _Factors(NamedTuple):
+    """L D L' of a positive definite matrix."""
+
+    columns: list[Vector]
+    pivots: list[Float[Array, ""]]
+
+
+def _factored(matrix: Float[Array, "n n"]) -> _Factors:
+    """Factors of a positive definite matrix, column by column, as vector operations on lanes."""
     columns, pivots = [], []
     # A pivot that rounding leaves of a column stands for a direction in which nothing moves.
     least = 1e-15 * jnp.diagonal(matrix)
-    for j in range(n):
+    for j in range(len(matrix)):
         pivot = jnp.maximum(matrix[j, j], least[j])
         column = matrix[:, j] / pivot
         matrix = matrix - pivot * jnp.outer(column, column)
         columns.append(column)
         pivots.append(pivot)
-    x = right
+    return _Factors(columns, pivots)
+
+
+def _solved(factors: _Factors, right: Vector) -> Vector:
+    """The solution of equations whose matrix has these factors."""
+    columns, pivots = factors
+    x, n = right, len(right)
     for j in range(n - 1):
         x = x.at[j + 1 :].add(-columns[j][j + 1 :] * x[j])
     x = x / jnp.stack(pivots)

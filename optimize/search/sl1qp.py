@@ -239,7 +239,8 @@ def _next_price(
     largest = jnp.max(step.multipliers, initial=0.0)
     # What a program leaves unmet at this price costs more from now on, unless the radius held it.
     held = (length > 0.9 * s.radius) & (step.left < jnp.sum(jnp.maximum(s.at.c, 0.0)))
-    short = (step.left > by.tol) & (s.violation > by.tol) & (largest > 0.9 * s.price) & ~held
+    missed = (step.left > by.tol) & (s.violation > by.tol) & (s.price < _LARGEST_PRICE)
+    short = missed & (largest > 0.9 * s.price) & ~held
     higher = jnp.minimum(_GROWTH * s.price, _LARGEST_PRICE)
     # A price far above the multipliers makes a search creep along curved constraints.
     enough = jnp.maximum(jnp.maximum(2.0 * largest, _LEAST_PRICE), s.price / _GROWTH)
