@@ -1,10 +1,11 @@
-"""A design study from many starts: the batched search against SciPy's SLSQP, one start a time.
+"""A design study from many starts: the batched searches against SciPy's SLSQP, one start a time.
 
-    python benchmarks/studies.py [--starts 256] [--differences 16]
+    python benchmarks/studies.py [--starts 256] [--differences 16] [--exact 256] [--cpu]
 
 Every line: optimizer, starts, starts that reached the best optimum, its error against the best of
 all (relative), time to compile, time to run, and time for one start. SLSQP gets exact derivatives
-first, then only values, whose differences it takes itself, from fewer starts.
+first, then only values, whose differences it takes itself, from fewer starts. `--cpu` counts the
+processors' seconds instead of those on the wall, for a machine that does other work as well.
 """
 
 import argparse
@@ -23,21 +24,26 @@ import beltjax as bj  # noqa: E402
 EXAMPLES = Path(__file__).parents[1] / "examples"
 LOST = 1e3
 problem, results = bj.optimize.problem, bj.optimize.search.results  # pyright: ignore[reportAttributeAccessIssue]
-batched_search = bj.optimize.search.batched
+search = bj.optimize.search
+BATCHED = {
+    "SQP, in batches": (search.batched_sqp, "sqp"),
+    "augmented Lagrangian, one batch": (search.batched, "augmented-lagrangian"),
+}
+clock = time.perf_counter
 
 
 def timed(function):
-    start = time.perf_counter()
-    return function(), time.perf_counter() - start
+    start = clock()
+    return function(), clock() - start
 
 
-def batched(study, begin, look):
-    """The augmented Lagrangian on all starts; compiled first, then run."""
-    batched_search.FEW = 0  # compiled to run quickly, however few the starts
+def batched(module, method, study, begin, look):
+    """A search from all starts together; compiled first, then run."""
+    module.FEW = 0  # compiled to run quickly, however few the starts
     tools = results.SearchTools(look, lambda *_: None, None, None)
-    default = batched_search.AugmentedLagrangian()
-    _, first = timed(lambda: default.search(study, begin, tools))
-    found, again = timed(lambda: default.search(study, begin, tools))
+    optimizer = bj.optimize.find_optimizer(method)
+    _, first = timed(lambda: optimizer.search(study, begin, tools))
+    found, again = timed(lambda: optimizer.search(study, begin, tools))
     ends = [(e.objective, e.violation <= 1e-6 and e.converged) for e in found.outcomes]
     return ends, first - again, again
 
@@ -78,11 +84,15 @@ def line(name, ends, best, compiling, running):
 
 
 def main():
+    global clock
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--starts", type=int, default=256)
+    parser.add_argument("--exact", type=int, help="starts of SLSQP with exact derivatives")
     parser.add_argument("--differences", type=int, default=16)
     parser.add_argument("--study", default="seven_pulley_study")
+    parser.add_argument("--cpu", action="store_true", help="seconds of the processors")
     asked = parser.parse_args()
+    clock = time.process_time if asked.cpu else time.perf_counter
     loaded = bj.optimize.load_study(EXAMPLES / f"{asked.study}.toml")
     study = problem.with_implied_constraints(dataclasses.replace(loaded, starts=asked.starts))
     begin = problem.starting_points(study)
@@ -90,18 +100,21 @@ def main():
     points = np.asarray(begin.points)
     _, compiling = timed(lambda: look(points[0] + 1e-9))
 
-    batch, compiled, running = batched(study, begin, look)
-    exact, exactly = one_by_one(look, points, exact=True)
+    found = {name: batched(*how, study, begin, look) for name, how in BATCHED.items()}
+    exact, exactly = one_by_one(look, points[: asked.exact], exact=True)
     few, roughly = one_by_one(look, points[: asked.differences], exact=False)
-    best = min(f for ends in (batch, exact, few) for f, good in ends if good)
+    all_ends = [*(ends for ends, _, _ in found.values()), exact, few]
+    best = min(f for ends in all_ends for f, good in ends if good)
     columns = "starts  at best      error     compile       run   one start"
     print(f"{'optimizer':34s} {columns}")
-    line("beltjax, one batch", batch, best, compiled, running)
+    for name, (ends, compiled, running) in found.items():
+        line(name, ends, best, compiled, running)
     line("SLSQP, exact derivatives", exact, best, compiling, exactly)
     line("SLSQP, finite differences", few, best, compiling, roughly)
-    each = running / len(batch)
-    print(f"ratio to exact derivatives {exactly / len(exact) / each:.0f}")
-    print(f"ratio to finite differences {roughly / len(few) / each:.0f}")
+    for name, (ends, _, running) in found.items():
+        each = running / len(ends)
+        ratios = exactly / len(exact) / each, roughly / len(few) / each
+        print(f"{name}: SLSQP takes {ratios[0]:.0f} and {ratios[1]:.0f} times as long")
 
 
 if __name__ == "__main__":

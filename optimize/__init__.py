@@ -49,7 +49,7 @@ from .robust.scatter import Scatter as Scatter
 from .robust.scatter import WorstQuantile as WorstQuantile
 from .robust.scatter import smooth_quantile as smooth_quantile
 from .search import augmented_lagrangian as augmented_lagrangian
-from .search import batched, other_libraries  # noqa: F401  (they register what they define)
+from .search import batched, batched_sqp, other_libraries  # noqa: F401  (they register what they define)
 from .search.one_by_one import AbstractLocalOptimizer as AbstractLocalOptimizer
 from .search.one_by_one import Ending as Ending
 from .search.one_by_one import UnitBoxProblem as UnitBoxProblem
@@ -58,6 +58,8 @@ from .search.registry import find_optimizer as find_optimizer
 from .search.registry import optimizer as optimizer
 from .search.registry import optimizer_names as optimizer_names
 from .search.results import History as History
+from .search.sqp import Minimum as Minimum
+from .search.sqp import sqp as sqp
 from .study import Cases as Cases
 from .study import Choice as Choice
 from .study import Limits as Limits

@@ -1,1 +1,1 @@
-"""Optimizers: the augmented Lagrangian over all starts at once, and those of other libraries."""
+"""Optimizers: those over all starts at once, and those of other libraries."""

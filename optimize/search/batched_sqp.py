@@ -1,0 +1,139 @@
+"""Sequential quadratic programming over all starts of a study, in batches of one width.
+
+Starts that have ended make room for others, so that no lane of the batch waits for the slowest.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from beltjax.compiling.quick import quickly_compiled
+
+from ..problem import ProblemScales, Starts, evaluation, limited_rows
+from ..study import Study
+from .registry import AbstractOptimizer, optimizer
+from .results import History, SearchResult, SearchTools, StartOutcome
+from .sl1qp import Bounds, Method, SequentialIterate, first_iterate, next_iterate, slopes_of
+
+FEW = 256  # starts up to which compiling quickly beats running quickly
+WIDTH = 64  # starts in a batch
+ITERATIONS = 8  # of a batch, before starts that have ended make room for others
+MOST_ITERATIONS = 160  # of one start
+TOLERANCE = 1e-9
+_RADIUS = 0.25  # of the first step, in the unit box
+
+
+@optimizer("sqp")
+class SequentialQuadraticProgramming(AbstractOptimizer):
+    """Sequential quadratic programming with exact derivatives, over all starts in batches."""
+
+    def search(self, study: Study, begin: Starts, tools: SearchTools) -> SearchResult:
+        """Search from all starts."""
+        rows = jnp.asarray(limited_rows(study, begin.parts))
+        problem = study.canonical, begin.scales, rows
+        states, paths = _begun(problem, begin, tools, study)
+        # Compiling quickly pays while the batch is run few times.
+        few = study.starts <= FEW
+        iterate = quickly_compiled(_iterated) if few else eqx.filter_jit(_iterated)
+        timely = True
+        while True:
+            waiting = np.flatnonzero(~_ended(states))
+            converged = f"{int(np.sum(states.done))} of {states.done.size} converged"
+            tools.advance(converged, states.done.size - len(waiting), states.done.size)
+            timely = tools.in_time
+            if not len(waiting) or not timely:
+                break
+            # A batch that starts no longer fill is filled with ended ones, which stay as they are.
+            lanes = np.resize(waiting, min(WIDTH, study.starts))
+            one = jax.tree.map(lambda x, lanes=lanes: jnp.asarray(x[lanes]), states)
+            moved, path = jax.device_get(iterate(*problem, one))
+            states = jax.tree.map(
+                lambda whole, rows, lanes=lanes: _with_rows(whole, lanes, rows), states, moved
+            )
+            for lane in np.unique(lanes, return_index=True)[1]:
+                known = moved.steps[lane] - one.steps[lane]
+                paths[lanes[lane]].extend(path[: int(known), lane])
+            if tools.checkpoint is not None:
+                tools.checkpoint.save(paths=padded(paths), **_as_arrays(states))
+        return SearchResult(_outcomes(states), _history(paths), timely)
+
+
+Problem = tuple[Study, ProblemScales, Array]
+
+
+def _begun(
+    problem: Problem, begin: Starts, tools: SearchTools, study: Study
+) -> tuple[SequentialIterate, list[list[np.ndarray]]]:
+    """The states of all starts, of an earlier run if there was one, and their paths."""
+    states = jax.device_get(quickly_compiled(_first_iterates)(*problem, begin.points))
+    saved = tools.saved(study, begin)
+    if saved is None:
+        return states, [[] for _ in states.done]
+    leaves, form = jax.tree.flatten(states)
+    states = form.unflatten([saved[f"state_{place}"] for place in range(len(leaves))])
+    return states, [list(path[np.isfinite(path[:, 0])]) for path in saved["paths"]]
+
+
+def _as_arrays(states: SequentialIterate) -> dict[str, np.ndarray]:
+    return {f"state_{place}": leaf for place, leaf in enumerate(jax.tree.leaves(states))}
+
+
+def _ended(states: SequentialIterate) -> np.ndarray:
+    return np.asarray(states.stopped | (states.steps >= MOST_ITERATIONS))
+
+
+def _with_rows(whole: np.ndarray, lanes: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    out = np.array(whole)
+    out[lanes] = rows
+    return out
+
+
+def _method(study: Study, scales: ProblemScales, rows: Array, size: int) -> Method:
+    def evaluate(x: Array) -> tuple[Array, Array, Array]:
+        at = evaluation(study, scales, x)
+        return at.objective, at.constraints[rows], at.valid
+
+    box = Bounds(jnp.zeros(size), jnp.ones(size))
+    return Method(slopes_of(evaluate), box, _RADIUS, TOLERANCE)
+
+
+def _first_iterates(
+    study: Study, scales: ProblemScales, rows: Array, points: Float[Array, "starts variables"]
+) -> SequentialIterate:
+    by = _method(study, scales, rows, points.shape[-1])
+    return jax.lax.map(lambda x: first_iterate(by, x), points, batch_size=WIDTH)
+
+
+def _iterated(
+    study: Study, scales: ProblemScales, rows: Array, states: SequentialIterate
+) -> tuple[SequentialIterate, Float[Array, "iterations starts 2"]]:
+    """The batch after some iterations, with objective and violation after each."""
+    by = _method(study, scales, rows, states.x.shape[-1])
+
+    def step(states: SequentialIterate, _: None) -> tuple[SequentialIterate, Array]:
+        moved = jax.vmap(lambda s: next_iterate(by, s))(states)
+        return moved, jnp.stack([moved.at.f, moved.violation], axis=-1)
+
+    return jax.lax.scan(step, states, None, length=ITERATIONS)
+
+
+def _outcomes(states: SequentialIterate) -> list[StartOutcome]:
+    # A start that was never begun has no objective.
+    f = np.where(states.steps > 0, states.at.f, np.where(states.at.valid, np.nan, np.inf))
+    columns = states.x, f, states.violation, states.at.valid, states.done
+    return [StartOutcome(*one) for one in zip(*columns, strict=True)]
+
+
+def _history(paths: list[list[np.ndarray]]) -> History:
+    stacked = padded(paths)
+    return History(stacked[..., 0].T, stacked[..., 1].T)
+
+
+def padded(paths: list[list[np.ndarray]]) -> np.ndarray:
+    """Paths of unequal length as one array [starts, iterations, 2], nan after each one's end."""
+    out = np.full((len(paths), max(map(len, paths), default=0), 2), np.nan)
+    for row, path in zip(out, paths, strict=True):
+        row[: len(path)] = np.reshape(path, (-1, 2))
+    return out
