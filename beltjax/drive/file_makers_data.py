@@ -48,6 +48,15 @@ def in_terms_of_the_drive(content: dict[str, Any], path: object) -> dict[str, An
     return plain
 
 
+def pitch_offsets(content: dict[str, Any], path: object) -> dict[str, float]:
+    """How far [m] the neutral axis lies outside of the effective line of the belts that say it."""
+    return {
+        table.get("name", "belt"): _of_belt(table, OFFSETS[0], path)
+        for table in _tables(content.get("belt"))
+        if OFFSETS[0] in table
+    }
+
+
 def _belt(table: Any, path: object) -> Any:
     """The table of a belt with its pitch and its standard lengths in meters."""
     if not isinstance(table, dict):
