@@ -56,7 +56,7 @@ class PulleyPart(Part):
     wrap_deg: Maybe
     speed: Maybe = meaning("rad/s, counterclockwise")
     hub_load: list[float] | None = meaning(
-        "N, x and y, of the running tensions; null: does not run"
+        "N, x and y, of the tensions less m v^2, which turns the belt round; null: does not run"
     )
     torque: Maybe = meaning("N m, taken from the belt")
     slip_margin: Maybe = meaning(
