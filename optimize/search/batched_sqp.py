@@ -27,7 +27,10 @@ _RADIUS = 0.25  # of the first step, in the unit box
 
 @optimizer("sqp")
 class SequentialQuadraticProgramming(AbstractOptimizer):
-    """Sequential quadratic programming with exact derivatives, over all starts in batches."""
+    """Sequential quadratic programming with exact first derivatives, over all starts in batches.
+
+    Every few iterations of a batch can be the last ones of a run, or the first.
+    """
 
     def search(self, study: Study, begin: Starts, tools: SearchTools) -> SearchResult:
         """Search from all starts."""
@@ -45,7 +48,7 @@ class SequentialQuadraticProgramming(AbstractOptimizer):
             timely = tools.in_time
             if not len(waiting) or not timely:
                 break
-            # A batch that starts no longer fill is filled with ended ones, which stay as they are.
+            # A batch that starts no longer fill has some of them twice.
             lanes = np.resize(waiting, min(WIDTH, study.starts))
             one = jax.tree.map(lambda x, lanes=lanes: jnp.asarray(x[lanes]), states)
             moved, path = jax.device_get(iterate(*problem, one))
