@@ -11,6 +11,7 @@ from .choices import enumerated as enumerated
 from .design import ConstraintReport as ConstraintReport
 from .design import Design as Design
 from .design import Optimum as Optimum
+from .design import Snapped as Snapped
 from .design import StartReport as StartReport
 from .drive_analyses import DriveAnalyses as DriveAnalyses
 from .exploration.explore import explore as explore
@@ -63,5 +64,7 @@ from .study import Cases as Cases
 from .study import Choice as Choice
 from .study import Limits as Limits
 from .study import Option as Option
+from .study import Snap as Snap
 from .study import Study as Study
+from .study import Ties as Ties
 from .study_file import load_study as load_study

@@ -65,13 +65,22 @@ class Optimum(NamedTuple):
     residual: float  # of the optimality conditions, scaled
 
 
+class Snapped(NamedTuple):
+    """What it costs to take variables as they are sold."""
+
+    values: dict[str, float]  # of the variables that were snapped, SI
+    before: dict[str, float]  # all design variables before, SI
+    objective: float | None  # before
+    loss: float | None  # objective now less that before; None where no snapped design is an optimum
+
+
 class Design(Readable):
     """The outcome of a study: the best design found and the evidence for it."""
 
     drive: Drive
     steady: SteadyState  # at the study's first operating point
     before: SteadyState  # of the study's own drive
-    values: dict[str, float]  # of the design variables, SI
+    values: dict[str, float]  # of the design variables and what is tied to them, SI
     initial: float | None  # objective of the study's own drive; None where that cannot run
     final: float | None  # None where no design runs
     as_drawn: float | None  # the same without the study's tolerances, where it has some
@@ -84,6 +93,7 @@ class Design(Readable):
     scales: dict[str, float]  # what objective and constrained quantities were measured in
     history: History
     result: RESULTS
+    snapped: Snapped | None = None  # of a study that snaps variables
 
     @property
     def success(self) -> bool:
@@ -164,7 +174,7 @@ def report(
         initial=float(initial.worst) if initial.found else None,
         final=float(shown.worst) if shown.found else None,
         as_drawn=None if drawn is None else float(drawn.worst),
-        constraints=_constraint_reports(
+        constraints=constraint_reports(
             study, own_constraints, begin.scales, (shown, drawn), prices
         ),
         starts=tuple(
@@ -242,13 +252,14 @@ def _named_scales(study: Study, scales: ProblemScales) -> dict[str, float]:
     return {"objective": float(scales.objective)} | {k: float(v) for k, v in named.items()}
 
 
-def _constraint_reports(
+def constraint_reports(
     study: Study,
     own_constraints: int,
     scales: ProblemScales,
     found: tuple[Measured, Measured | None],
     prices: np.ndarray | None,
 ) -> tuple[ConstraintReport, ...]:
+    """Each constraint where quantities are as `found`, with tolerances and as drawn."""
     (shown, drawn), reports, place = found, [], 0
     for i, name in enumerate(study.constraints.names):
         least, greatest = shown.least[i], shown.greatest[i]

@@ -9,6 +9,7 @@ from .design import Design, report
 from .problem import limited_rows, starting_points, with_implied_constraints
 from .search.registry import find_optimizer
 from .search.results import Advance, SearchTools, deadline_of, local_models
+from .snapping import snapped
 from .study import Study
 
 
@@ -25,7 +26,9 @@ def minimize(
     The search by `study.method` starts from the `warm` designs, from the study's own drive and from
     quasi-random designs; the augmented Lagrangian takes them as one batch. The best optima are then
     moved onto the exact conditions of an optimum, which are checked. A study without a solution
-    raises nothing: read `.result`, `.constraints` and `.conflicts`. docs/optimizing.md.
+    raises nothing: read `.result`, `.constraints` and `.conflicts`. Variables that the study snaps
+    then take the values on sale next to their optimum, for each of which the others are optimized
+    again; `.snapped` says what that costs. docs/optimizing.md.
 
     Args:
         study: the study.
@@ -47,8 +50,21 @@ def minimize(
         >>> design.final, design.values
     """
     progress = advance or (lambda stage, done, total: None)
-    deadline = deadline_of(study)
     kept = Checkpoint(checkpoint) if checkpoint else None  # read before the work
+    free = _minimized(study, progress, warm, kept)
+    if not study.snaps or not free.success:
+        return free
+    return snapped(study, free, lambda one, begin: _minimized(one, progress, (begin,), None))
+
+
+def _minimized(
+    study: Study,
+    progress: Advance,
+    warm: tuple[dict[str, float], ...],
+    kept: Checkpoint | None,
+) -> Design:
+    """The best design, whatever is sold."""
+    deadline = deadline_of(study)
     own = len(study.constraints.names)
     study = with_implied_constraints(study)
     progress("compiling", 0, None)

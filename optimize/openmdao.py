@@ -12,7 +12,7 @@ import openmdao.api as om
 from beltjax.compiling.quick import quickly_compiled
 from beltjax.drive.numbers import unit_of, with_values
 
-from .problem import Measured, measured, own_values, part_counts
+from .problem import Measured, measured, own_values, part_counts, with_tied
 from .quantities import find_quantity
 from .study import Study, split_name
 
@@ -82,7 +82,7 @@ def _with_slopes(study: Study, x: jax.Array) -> tuple[Measured, Measured]:
 
     def at(x: jax.Array) -> tuple[Measured, Measured]:
         values = dict(zip(study.variables.names, x, strict=True))
-        found = measured(study, with_values(study.drive, values))
+        found = measured(study, with_values(study.drive, with_tied(study.ties, values)))
         return found._replace(found=jnp.zeros(())), found
 
     slopes, found = jax.jacfwd(at, has_aux=True)(x)

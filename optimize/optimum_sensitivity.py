@@ -52,7 +52,8 @@ def fixed_numbers(study: Study) -> list[str]:
     Returns:
         Keys of the drive file.
     """
-    moved = {full_key(study.drive, name) for name in study.variables.names}
+    tied = () if study.ties is None else study.ties.names
+    moved = {full_key(study.drive, name) for name in (*study.variables.names, *tied)}
     for name in filter(is_relative, tuple(moved)):
         moved |= moved_with(name)
     names = [n for n in number_names(study.drive) if n not in moved and n not in SPEEDS]
@@ -84,6 +85,8 @@ def post_optimal(
     """
     if not design.success:
         raise ValueError("post_optimal: the design is no optimum; read design.result.")
+    if design.snapped is not None:
+        raise ValueError("post_optimal: snapped variables are no optimum; study the others alone.")
     names = tuple(fixed_numbers(study)) if numbers is None else numbers
     study = with_implied_constraints(study)
     rows = limited_rows(study, part_counts(study))

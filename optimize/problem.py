@@ -1,7 +1,8 @@
 """A study as a scaled problem in the unit box: minimize f(x) subject to g(x) <= 0, 0 <= x <= 1."""
 
 import math
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -19,7 +20,7 @@ from beltjax.drive.system import Drive
 from .drive_analyses import DriveAnalyses
 from .quantities import find_quantity
 from .search.augmented_lagrangian import Evaluation
-from .study import Limits, Study, split_name
+from .study import Limits, Study, Ties, split_name
 
 CANDIDATES = 8  # random designs drawn for each start; the first ones that run are used
 # What every drive that can be built must meet, whether the study limits it or not, a little
@@ -72,7 +73,18 @@ class ProblemDerivatives(NamedTuple):
 def drive_at(study: Study, x: Unit) -> Drive:
     """The design at `x` in the unit box."""
     values = dict(zip(study.variables.names, _out_of_box(study, x), strict=True))
-    return with_values(study.drive, values)
+    return with_values(study.drive, with_tied(study.ties, values))
+
+
+def with_tied(ties: Ties | None, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Values of variables [SI], and of the numbers that follow from them."""
+    found = dict(values)
+    if ties is not None:
+        for name, to, factor, offset in zip(
+            ties.names, ties.to, ties.factors, ties.offsets, strict=True
+        ):
+            found[name] = factor * values[to] + offset
+    return found
 
 
 def place_of(study: Study, values: dict[str, float]) -> np.ndarray:
@@ -100,9 +112,9 @@ def own_values(study: Study) -> dict[str, float]:
 
 
 def values_at(study: Study, x: Array | np.ndarray) -> dict[str, float]:
-    """The design variables at `x` in the unit box (SI)."""
-    values = np.asarray(_out_of_box(study, x))
-    return dict(zip(study.variables.names, map(float, values), strict=True))
+    """The design variables, and what is tied to them, at `x` in the unit box (SI)."""
+    own = dict(zip(study.variables.names, np.asarray(_out_of_box(study, x)), strict=True))
+    return {name: float(value) for name, value in with_tied(study.ties, own).items()}
 
 
 def _out_of_box(study: Study, x: Array | np.ndarray) -> Array:

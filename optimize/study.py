@@ -1,7 +1,7 @@
 """Design studies: what may change, what is wanted, what must hold, and where it must hold."""
 
 import dataclasses
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from beltjax.drive.canonical import strongly_typed
 from beltjax.drive.components import as_real, concrete
-from beltjax.drive.numbers import require_numbers, variable_names
+from beltjax.drive.numbers import full_key, require_numbers, variable_names
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 
@@ -53,6 +53,22 @@ class Limits(eqx.Module):
     upper: Float[Array, " names"] = eqx.field(converter=as_real)
 
 
+class Ties(eqx.Module):
+    """Numbers of the drive that follow from variables: factor times the variable, plus offset."""
+
+    names: tuple[str, ...] = eqx.field(static=True)  # of the numbers that follow
+    to: tuple[str, ...] = eqx.field(static=True)  # the variable of each
+    factors: Float[Array, " names"] = eqx.field(converter=as_real)
+    offsets: Float[Array, " names"] = eqx.field(converter=as_real)  # SI
+
+
+class Snap(NamedTuple):
+    """Values that a variable may have in the end: sizes, lengths or numbers of teeth on sale."""
+
+    name: str
+    values: tuple[float, ...]  # SI, rising
+
+
 class Option(NamedTuple):
     """One way to choose: a label, and the drive's numbers that go with it (SI)."""
 
@@ -74,6 +90,7 @@ class Study(eqx.Module):
     least one. A quantity is measured at every one of `cases` (at `point` where there are none),
     or by "NAME@CASE" at that one: limits hold at each, and each term of the objective is a soft
     maximum over them. With `scatter` limits and objective see what its tolerances make of them.
+    Numbers under `ties` follow the variables; `snaps` are what variables may be in the end.
     Raises `ValueError` for variables, quantities, numbers, cases and methods that do not exist.
     """
 
@@ -94,6 +111,8 @@ class Study(eqx.Module):
     choices: tuple[Choice, ...] = eqx.field(static=True, default=())
     pareto: tuple[str, ...] = eqx.field(static=True, default=())  # objectives of a front
     pareto_points: int = eqx.field(static=True, default=11)
+    ties: Ties | None = None
+    snaps: tuple[Snap, ...] = eqx.field(static=True, default=())
 
     @property
     def operating(self) -> Cases:
@@ -106,8 +125,9 @@ class Study(eqx.Module):
 
         Without what only a search needs, and with strongly typed arrays for all numbers.
         """
-        search = {"starts": 1, "seed": 0, "name": "", "method": DEFAULT, "time_limit": None}
-        bare = dataclasses.replace(self, **search, choices=(), pareto=(), pareto_points=0)
+        search: dict[str, Any] = {"starts": 1, "seed": 0, "method": DEFAULT, "time_limit": None}
+        search |= {"name": "", "choices": (), "snaps": (), "pareto": (), "pareto_points": 0}
+        bare = dataclasses.replace(self, **search)
         physical = jax.tree.map(as_real, (bare.drive, bare.point, bare.cases))
         return strongly_typed(
             eqx.tree_at(
@@ -120,6 +140,8 @@ class Study(eqx.Module):
         unknown = set(self.variables.names) - set(variable_names(self.drive))
         if unknown:
             raise ValueError(f"Study: no variables of this drive: {', '.join(sorted(unknown))}.")
+        if self.ties is not None:
+            self._check_ties(self.ties)
         if self.scatter is not None:
             require_numbers(self.drive, self.scatter.names)
             if any(name.startswith("operation.") for name in self.scatter.names):
@@ -131,6 +153,16 @@ class Study(eqx.Module):
                 require_quantity(name, self.drive, self.point, known)
             except KeyError as error:
                 raise ValueError(f"Study: {error.args[0]}.") from error
+
+    def _check_ties(self, ties: Ties) -> None:
+        varied = {full_key(self.drive, name) for name in self.variables.names}
+        followers = [full_key(self.drive, name) for name in ties.names]
+        unknown = {*ties.names} - set(variable_names(self.drive))
+        unknown |= {*ties.to} - set(self.variables.names)
+        if unknown:
+            raise ValueError(f"Study: ties name no variables: {', '.join(sorted(unknown))}.")
+        if len(set(followers)) < len(followers) or varied & set(followers):
+            raise ValueError("Study: a tied number is tied once and is no variable.")
 
     def _check_search(self) -> None:
         try:

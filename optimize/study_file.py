@@ -29,7 +29,8 @@ from .operating_points import (
 from .quantities import definition_of
 from .robust.tolerance_tables import RobustTable, ToleranceTable, read_scatter
 from .search.registry import DEFAULT, find_optimizer, optimizer_names
-from .study import Choice, Limits, Option, Study, require_quantity, split_name
+from .study import Choice, Limits, Option, Snap, Study, require_quantity, split_name
+from .tie_tables import TieTable, read_snap, read_ties
 
 
 class VariableTable(Table):
@@ -38,6 +39,7 @@ class VariableTable(Table):
     name: str
     lower: SiOrText
     upper: SiOrText
+    snap: str | list[SiOrText] | None = None
 
 
 class ConstraintTable(Table):
@@ -84,6 +86,7 @@ class StudyTable(Table):
     drive: str
     objective: ObjectiveTable
     variable: Annotated[list[VariableTable], Field(min_length=1)]
+    tie: Annotated[list[TieTable], Field(default_factory=list)]
     constraint: Annotated[list[ConstraintTable], Field(default_factory=list)]
     point: Annotated[list[PointTable], Field(default_factory=list)]
     choice: Annotated[list[ChoiceTable], Field(default_factory=list)]
@@ -126,10 +129,13 @@ def load_study(path: str | os.PathLike[str]) -> Study:
     )
     known = cases.names if cases else ()
     objective = _objective(file, drive, point, known, path)
+    variables = _variables(file, drive, path)
     return Study(
         drive=drive,
         point=jax.tree.map(lambda x: x[0], cases.points) if cases else point,
-        variables=_variables(file, drive, path),
+        variables=variables,
+        ties=read_ties(file.tie, variables, drive, path),
+        snaps=_snaps(file, variables, drive, path),
         constraints=_constraints(file, drive, point, known, path),
         weights=jnp.array(list(objective.values()), dtype=float),
         objective=tuple(objective),
@@ -206,6 +212,16 @@ def _variables(file: StudyTable, drive: Drive, path: object) -> Limits:
         lower.append(bounds[0])
         upper.append(bounds[1])
     return Limits(tuple(names), jnp.array(lower), jnp.array(upper))
+
+
+def _snaps(file: StudyTable, variables: Limits, drive: Drive, path: object) -> tuple[Snap, ...]:
+    """What the variables may be in the end; raises `FileError`."""
+    tables = [table for table in file.variable if table.snap is not None]
+    if tables and (file.choice or file.pareto):
+        other = "[[choice]]" if file.choice else "[pareto]"
+        message = f"does not go with {other}; remove one of them"
+        raise FileError(path, f"variable.{tables[0].name}.snap", message)
+    return tuple(read_snap(table.name, table.snap, variables, drive, path) for table in tables)
 
 
 def _no_such_variable(name: str, drive: Drive, known: list[str]) -> str:

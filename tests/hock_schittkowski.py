@@ -164,14 +164,14 @@ def _hs110(x):
     return jnp.sum(jnp.log(x - 2) ** 2 + jnp.log(10 - x) ** 2) - jnp.prod(x) ** 0.2
 
 
-def _hs112(x):
+def hs112(x):
     c = jnp.array(
         [-6.089, -17.164, -34.054, -5.914, -24.721, -14.986, -24.1, -10.708, -26.662, -22.179]
     )
     return x @ (c + jnp.log(x / jnp.sum(x)))
 
 
-def _hs112_rows(x):
+def hs112_rows(x):
     a, b, c, d, e, g, h, i, j, k = x
     return stack(a + 2 * b + 2 * c + g + k - 2, d + 2 * e + g + h - 1, c + h + i + 2 * j + k - 1)
 
@@ -516,6 +516,6 @@ PROBLEMS = {
         _hs106_rows, least=(100, 1e3, 1e3, *(10,) * 5), greatest=(*(1e4,) * 3, *(1e3,) * 5),
     ),
     110: Problem(_hs110, (9,) * 10, -45.77846971, least=2.001, greatest=9.999),
-    112: Problem(_hs112, (0.1,) * 10, -47.76109, equal=_hs112_rows, least=1e-6),
+    112: Problem(hs112, (0.1,) * 10, -47.76109, equal=hs112_rows, least=1e-6),
     113: Problem(_hs113, (2, 3, 5, 5, 1, 2, 7, 3, 6, 10), 24.3062091, _hs113_rows),
 }  # fmt: skip

@@ -7,7 +7,7 @@ confirmed by SciPy's SLSQP or by this project's own search, at the printed digit
 import jax
 import jax.numpy as jnp
 import numpy as np
-from hock_schittkowski import COLVILLE, INF, PROBLEMS, Problem, squares, stack
+from hock_schittkowski import COLVILLE, INF, Problem, hs112, hs112_rows, squares, stack
 
 
 def between(value, least, greatest):
@@ -359,8 +359,6 @@ def _hs119_equal(x):
     return b @ x[:8] + single - jnp.array([2.5, 1.1, -3.1, -3.5, 1.3, 2.1, 2.3, -1.5])
 
 
-_hs112 = PROBLEMS[112]
-
 MORE = {
     44: Problem(
         lambda x: x[0] - x[1] - x[2] - x[0] * x[2] + x[0] * x[3] + x[1] * x[2] - x[1] * x[3],
@@ -428,8 +426,8 @@ MORE = {
         other=-0.674981443,
     ),
     111: Problem(
-        lambda x: _hs112.f(jnp.exp(x)), (-2.3,) * 10, -47.76109026,
-        equal=lambda x: _hs112.equal(jnp.exp(x)), least=-100.0, greatest=100.0,
+        lambda x: hs112(jnp.exp(x)), (-2.3,) * 10, -47.76109026,
+        equal=lambda x: hs112_rows(jnp.exp(x)), least=-100.0, greatest=100.0,
     ),
     114: Problem(
         lambda x: 5.04 * x[0] + 0.035 * x[1] + 10 * x[2] + 3.36 * x[4] - 0.063 * x[3] * x[6],

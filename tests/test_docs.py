@@ -30,7 +30,7 @@ BLOCKS = {
     "optimizing": 2,
     "reading": 3,
     "robust": 4,
-    "several_tensioners": 10,
+    "several_tensioners": 11,
     "troubleshooting": 1,
     "vibration": 4,
 }
@@ -45,6 +45,7 @@ WRITTEN = {
 
 STUDY_TABLES = (
     bj.optimize.study_file.VariableTable,
+    bj.optimize.study_file.TieTable,
     bj.optimize.study_file.ConstraintTable,
     bj.optimize.study_file.ObjectiveTable,
     bj.optimize.study_file.ChoiceTable,
@@ -74,7 +75,7 @@ def test_the_first_drive_is_one(tmp_path):
 
 
 def test_the_study_of_the_page_is_one(tmp_path):
-    study_file, points = blocks_of(ROOT / "docs" / "optimizing.md", "toml")
+    study_file, points, _ = blocks_of(ROOT / "docs" / "optimizing.md", "toml")
     (tmp_path / "study.toml").write_text(study_file)
     for name in ("three_pulley", "seven_pulley"):
         shutil.copy(ROOT / "examples" / f"{name}.toml", tmp_path)

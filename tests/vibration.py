@@ -49,12 +49,32 @@ def held(whole, spans, driver=0):
     return [np.delete(np.delete(np.asarray(m), place, 0), place, 1) for m in whole]
 
 
+def frequencies_at_rest(M, K):
+    """All frequencies of K x = omega^2 M x by SciPy, the lowest to rounding.
+
+    A fine basis has stiffnesses up to 1e9 times that of the lowest modes, of which rounding leaves
+    eight digits. Scaled to a unit diagonal K is well conditioned, and the lowest modes are those of
+    the largest flexibility.
+    """
+    unit = 1 / np.sqrt(np.diag(K))
+    scaled = [matrix * unit[:, None] * unit for matrix in (M, K)]
+    return 1 / np.sqrt(scipy.linalg.eigh(*scaled, eigvals_only=True)[::-1])
+
+
 def companion_frequencies(M, G, K):
-    """Positive imaginary parts of all eigenvalues by SciPy's general `eig`; the worst growth."""
+    """Positive imaginary parts of all eigenvalues by SciPy's general `eig`; the worst growth.
+
+    They are found as the inverses of the eigenvalues of mu^2 K + mu G + M, for the reason given
+    above, unless the drive has a rigid motion.
+    """
+    unit = 1 / np.sqrt(np.abs(np.diag(K)))
+    M, G, K = (matrix * unit[:, None] * unit for matrix in (M, G, K))
+    rigid = np.linalg.cond(K) > 1e12
+    last, first = (M, K) if rigid else (K, M)
+    lower = -np.linalg.solve(last, np.hstack([first, G]))
     size = len(M)
-    lower = -np.linalg.solve(M, np.hstack([K, G]))
     A = np.vstack([np.hstack([np.zeros((size, size)), np.eye(size)]), lower])
-    values = scipy.linalg.eigvals(A)
+    values = scipy.linalg.eigvals(A) if rigid else 1 / scipy.linalg.eigvals(A)
     return np.sort(values.imag[values.imag > 1e-9]), values.real.max()
 
 

@@ -359,7 +359,7 @@ def contact_model(groups: ContactGroups, law: AbstractBeltLaw) -> physics.Contac
         together=groups.springs.together,
         floating=groups.springs.floating,
         first=groups.springs.first,
-        loads=groups.loads,
+        outside=groups.outside,
         motion=motion,
     )
 

@@ -18,7 +18,7 @@ from beltjax.drive.installation import (
 from beltjax.drive.layout import Layout, Outline, Path, belt_path, unstretched_lengths
 from beltjax.drive.preloaded import balancing_tensions
 from beltjax.numerics.definite import definite_solve
-from beltjax.numerics.rigid_bodies import Bodies, Loads
+from beltjax.numerics.rigid_bodies import Bodies, OutsideForces
 from beltjax.numerics.roots import implicit_root, system_root
 
 LARGEST_MOVE = 0.2  # of a body, in one Newton step [rad], or in mean span lengths
@@ -53,8 +53,8 @@ def resistance(
     tensions: Float[Array, " spans"],
     coordinates: Float[Array, " coordinates"],
 ) -> Float[Array, " coordinates"]:
-    """What the springs must hold: the belts' resistance less the loads [N m] or [N]."""
-    return belt_pull(at, tensions) - made.loads.push(made.bodies, coordinates)
+    """What the springs must hold: the belts' resistance less the outside forces [N m] or [N]."""
+    return belt_pull(at, tensions) - made.outside.push(made.bodies, coordinates)
 
 
 def search_units(of: Bodies, length: Float[Array, ""]) -> Float[Array, " coordinates"]:
@@ -147,8 +147,8 @@ def free_positions(made: Assembly, rule: BeltGiven | AdjustedToMark) -> Float[Ar
     return jnp.where(jnp.isnan(rule.free), 0.0, rule.free)
 
 
-def _installed_by_loads(made: Assembly, rule: Preloaded) -> Installed:
-    """The drawn state, whose tensions balance what is known of springs and loads."""
+def _installed_by_preloads(made: Assembly, rule: Preloaded) -> Installed:
+    """The drawn state, whose tensions balance what is known of springs and outside forces."""
     found = balancing_tensions(made, rule)
     good = found.definite & jnp.all(found.solution > 0)
     tensions = jnp.where(good, found.solution, jax.lax.stop_gradient(made.EA) * 1e-3)
@@ -169,7 +169,7 @@ def installed_by_tension(made: Assembly) -> Installed:
     """
     rule, loops, of, found, still = made.rule, made.loops, made.outline, made.springs, made.still
     if isinstance(rule, Preloaded):
-        return _installed_by_loads(made, rule)
+        return _installed_by_preloads(made, rule)
     assert isinstance(rule, TensionGiven | AdjustedToTension)
     tensions = jnp.broadcast_to(rule.tension, (len(loops.sizes),))
     of_span, length, count = loops.spread(tensions), made.mean_length, len(still)
@@ -196,13 +196,17 @@ def installed_by_tension(made: Assembly) -> Installed:
     def residual(
         unknown: Float[Array, " coordinates"],
         args: tuple[
-            Outline, Float[Array, " belts"], Float[Array, " belts"], Float[Array, " spans"], Loads
+            Outline,
+            Float[Array, " belts"],
+            Float[Array, " belts"],
+            Float[Array, " spans"],
+            OutsideForces,
         ],
     ) -> Float[Array, " coordinates"]:
-        of, EA, wanted, of_span, loads = args
+        of, EA, wanted, of_span, outside = args
         at = unknown * units
         path = belt_path(of, loops, at)
-        pull = belt_pull(path, of_span) - loads.push(of.bodies, at)
+        pull = belt_pull(path, of_span) - outside.push(of.bodies, at)
         pull = pull * units / (of_span[0] * length)
         # Bodies that float together move alike, until the first of them meets a stop.
         ends = ways(of.bodies.stops, still, units)
@@ -214,7 +218,7 @@ def installed_by_tension(made: Assembly) -> Installed:
         rest = jnp.where(found.first > 0, balance, unknown - found.floating * first_of)
         return jnp.where(adjusted > 0, short, rest)
 
-    args = of, made.EA, wanted, of_span, made.loads
+    args = of, made.EA, wanted, of_span, made.outside
     fixed = jax.lax.stop_gradient(args)
     needed = jnp.any(found.floating + adjusted > 0)
     search = system_root(

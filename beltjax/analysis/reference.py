@@ -38,7 +38,7 @@ from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
 from beltjax.numerics.definite import definite_solve
 from beltjax.numerics.loops import Loops
-from beltjax.numerics.rigid_bodies import Loads, holding_stop
+from beltjax.numerics.rigid_bodies import OutsideForces, holding_stop
 from beltjax.numerics.roots import implicit_root, system_root
 from beltjax.results import (
     RESULTS,
@@ -94,7 +94,7 @@ class _Problem(NamedTuple):
     held: Held
     offsets: Float[Array, " spans"]  # of the span tensions above the unknown ones [N]
     moments: Float[Array, " coordinates"]  # of accessories bolted to the bodies [N m]
-    loads: Loads
+    outside: OutsideForces
     scale: Float[Array, ""]  # [N]
     length: Float[Array, ""]  # [m]
     EA: Float[Array, " belts"]
@@ -308,7 +308,7 @@ def _problem(
         held=held,
         offsets=made.offsets * load,
         moments=made.moments * load,
-        loads=made.loads,
+        outside=made.outside,
         scale=scale,
         length=made.mean_length,
         EA=made.EA,
@@ -406,7 +406,7 @@ def _push(
     """Residual of (M6) on each body [N m] or [N], which is the force of a stop or a lock."""
     holding = problem.held
     springs_push = holding.stiffness @ coordinates - holding.relaxed
-    given = problem.moments + problem.loads.push(problem.outline.bodies, coordinates)
+    given = problem.moments + problem.outside.push(problem.outline.bodies, coordinates)
     return belt_pull(at, tensions) + springs_push - given
 
 
@@ -500,7 +500,7 @@ def _is_stable(made: Assembly, stands: _Standing) -> Bool[Array, ""]:
         return jnp.array(True)
     turns = at.span_turns
     geometric = turns[:, :, None] * turns[:, None, :] / at.span_lengths[:, None, None]
-    A = made.springs.matrix + made.loads.stiffness(made.bodies, at.coordinates)
+    A = made.springs.matrix + made.outside.stiffness(made.bodies, at.coordinates)
     A = A + jnp.sum(tensions[:, None, None] * (geometric + at.curvatures), axis=0)
     take_up = made.loops.sums(at.span_pulls)
     rates = made.EA / at.path_lengths

@@ -176,8 +176,12 @@ class SteadyState(Readable):
 
     @property
     def hub_loads(self) -> Float[Array, "pulleys 2"]:
-        """Force of the running tensions on the hub of each pulley [N], x and y."""
-        pulls = self.running_tensions[:, None] * self.reference.layout.directions
+        """Force of the running belt on the hub of each pulley [N], x and y.
+
+        The part m c^2 of a tension turns the belt round, and does not reach the hub.
+        """
+        pulls = self.effective_tensions * self.scales.tension
+        pulls = pulls[:, None] * self.reference.layout.directions
         return pulls - self.groups.loops.preceding(pulls)
 
     @property

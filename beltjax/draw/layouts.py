@@ -126,8 +126,10 @@ def _finish(axes: Axes, drive: Drive, at: Layout, title: str) -> None:
             parse_math=False,
         )
     axes.set_aspect("equal")
-    axes.set_xlabel("x [mm]")
-    axes.set_ylabel("y [mm]")
+    for label, name, start in zip(
+        (axes.set_xlabel, axes.set_ylabel), "xy", drive.origin, strict=True
+    ):
+        label(f"{name} from {start:.12g} m [mm]" if start else f"{name} [mm]")
     axes.set_title(title, fontsize=11, parse_math=False)
     axes.margins(y=0.12)
     axes.grid(linewidth=0.3)

@@ -6,14 +6,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from beltjax.drive.bodies import Springs, loads, springs
+from beltjax.drive.bodies import Springs, outside_forces, springs
 from beltjax.drive.installation import Installation
 from beltjax.drive.layout import Layout, Outline, laid_out, outline
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.shafts import Transmission, transmission
 from beltjax.drive.system import Drive
 from beltjax.numerics.loops import Loops
-from beltjax.numerics.rigid_bodies import Bodies, Loads
+from beltjax.numerics.rigid_bodies import Bodies, OutsideForces
 
 
 class Assembly(NamedTuple):
@@ -27,7 +27,7 @@ class Assembly(NamedTuple):
     EA: Float[Array, " belts"]  # [N]
     offsets: Float[Array, " spans"]  # of the tensions above a belt's level [N]
     moments: Float[Array, " coordinates"]  # of accessories bolted to the bodies [N m]
-    loads: Loads  # on the bodies, with torques or without
+    outside: OutsideForces  # on the bodies, with torques or without
     drawn: Layout
 
     @property
@@ -70,7 +70,7 @@ def assembled(drive: Drive, point: OperatingPoint) -> Assembly:
         EA=drive.axial_stiffnesses,
         offsets=_tension_offsets(drive, of.bodies, driven, loops),
         moments=_housed_moments(drive, of.bodies, driven),
-        loads=loads(drive),
+        outside=outside_forces(drive),
         drawn=laid_out(of, loops, jnp.zeros(len(drive.tensioners))),
     )
 

@@ -1,4 +1,4 @@
-"""The tensioners of a drive as arrays: what they carry, their inertia, springs and loads."""
+"""The tensioners of a drive as arrays: what they carry, inertia, springs and outside forces."""
 
 from typing import NamedTuple
 
@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from beltjax.drive.system import Drive
-from beltjax.numerics.rigid_bodies import Bodies, Loads, Placed, Weights, placed
+from beltjax.numerics.rigid_bodies import Bodies, OutsideForces, Placed, Weights, placed
 
 Coordinates = Float[Array, " coordinates"]
 
@@ -74,17 +74,17 @@ def mass_matrix(
     return moved + jnp.einsum("b,ba,bc->ac", spin, turns, turns) + jnp.diag(own)
 
 
-def loads(drive: Drive) -> Loads:
+def outside_forces(drive: Drive) -> OutsideForces:
     """The constant forces on the tensioners of `drive` [N m] or [N], and their weights [N]."""
     parts = drive.tensioners
     if not parts:
-        return Loads(jnp.zeros(0), None)
+        return OutsideForces(jnp.zeros(0), None)
     constant = jnp.stack([body.force for body in parts])
     if drive.gravity is None:
-        return Loads(constant, None)
+        return OutsideForces(constant, None)
     mass = jnp.stack([body.mass for body in parts])
     x, y = jnp.stack([body.mass_center for body in parts]).T
-    return Loads(constant, Weights(x, y, mass * drive.gravity[0], mass * drive.gravity[1]))
+    return OutsideForces(constant, Weights(x, y, mass * drive.gravity[0], mass * drive.gravity[1]))
 
 
 class Springs(NamedTuple):

@@ -108,13 +108,17 @@ class Belt(Readable):
     """A belt: a uniform, extensible beam."""
 
     axial_stiffness: Float[Array, ""] = eqx.field(
-        converter=as_real, metadata=number("N", "EA", above=0, design=True)
+        converter=as_real, metadata=number("N", "EA, of the whole width", above=0, design=True)
     )
     bending_stiffness: Float[Array, ""] = eqx.field(
-        converter=as_real, metadata=number("N m^2", "EI; 0 is a string", at_least=0, design=True)
+        converter=as_real,
+        metadata=number("N m^2", "EI, of the whole width; 0 is a string", at_least=0, design=True),
     )
     mass_per_length: Float[Array, ""] = eqx.field(
-        converter=as_real, metadata=number("kg/m", "of the unstretched belt", above=0, design=True)
+        converter=as_real,
+        metadata=number(
+            "kg/m", "of the unstretched belt, of the whole width", above=0, design=True
+        ),
     )
     thickness: Float[Array, ""] | None = eqx.field(
         converter=as_optional,

@@ -12,7 +12,7 @@ from beltjax.drive.groups import Scales, ways
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.shafts import on_driving_shaft
 from beltjax.numerics.loops import Loops
-from beltjax.numerics.rigid_bodies import Bodies, Loads, Weights
+from beltjax.numerics.rigid_bodies import Bodies, OutsideForces, Weights
 
 
 class ContactGroups(eqx.Module):
@@ -37,7 +37,7 @@ class ContactGroups(eqx.Module):
     housed: Float[Array, " pulleys"]
     springs: Springs
     stiffness: Float[Array, "coordinates coordinates"]  # of the springs
-    loads: Loads
+    outside: OutsideForces
     belt_speed: Float[Array, ""] | None
     driver_speed: Float[Array, ""] | None  # of its surface
     mass_flow: Float[Array, ""] | None
@@ -103,7 +103,7 @@ def contact_groups(
         housed=jax.lax.stop_gradient(jnp.stack([p.housed for p in drive.pulleys]))[order],
         springs=made.springs,
         stiffness=made.springs.matrix * units[:, None] * units / (base * length),
-        loads=_scaled(made.loads, units, base, length),
+        outside=_scaled(made.outside, units, base, length),
         belt_speed=None if point.belt_speed is None else point.belt_speed / speed,
         driver_speed=surface,
         mass_flow=None if point.mass_flow is None else point.mass_flow / (mass[0] * speed),
@@ -112,14 +112,16 @@ def contact_groups(
 
 
 def _scaled(
-    of: Loads,
+    of: OutsideForces,
     units: Float[Array, " coordinates"],
     tension: Float[Array, ""],
     length: Float[Array, ""],
-) -> Loads:
-    """Loads in pure numbers."""
+) -> OutsideForces:
+    """OutsideForces in pure numbers."""
     constant = of.constant * units / (tension * length)
     if of.weights is None:
-        return Loads(constant, None)
+        return OutsideForces(constant, None)
     x, y, force_x, force_y = of.weights
-    return Loads(constant, Weights(x / length, y / length, force_x / tension, force_y / tension))
+    return OutsideForces(
+        constant, Weights(x / length, y / length, force_x / tension, force_y / tension)
+    )

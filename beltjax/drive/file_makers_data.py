@@ -10,7 +10,9 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
+from beltjax.drive.components import LARGEST_BARE_RADIUS
 from beltjax.files.errors import FileError
+from beltjax.files.tables import require_moderate
 from beltjax.files.units import shown, to_si
 
 # Keys of a pulley that stand for its radius, and the key of its belt that says how far the belt's
@@ -31,7 +33,8 @@ def in_terms_of_the_drive(content: dict[str, Any], path: object) -> dict[str, An
     Raises `FileError` for a radius that is given twice, and for an offset that is missing. What is
     no table or no list is left for the file's own rules to refuse.
     """
-    belts = {table.get("name", "belt"): table for table in _tables(content.get("belt"))}
+    named = [(table.get("name", "belt"), table) for table in _tables(content.get("belt"))]
+    belts = {name: table for name, table in named if isinstance(name, str)}
     plain = dict(content)
     if isinstance(content.get("pulley"), list):
         plain["pulley"] = [_pulley(table, belts, path) for table in content["pulley"]]
@@ -43,6 +46,15 @@ def in_terms_of_the_drive(content: dict[str, Any], path: object) -> dict[str, An
     elif "belt" in content:
         plain["belt"] = _belt(content["belt"], path)
     return plain
+
+
+def pitch_offsets(content: dict[str, Any], path: object) -> dict[str, float]:
+    """How far [m] the neutral axis lies outside of the effective line of the belts that say it."""
+    return {
+        table.get("name", "belt"): _of_belt(table, OFFSETS[0], path)
+        for table in _tables(content.get("belt"))
+        if OFFSETS[0] in table
+    }
 
 
 def _belt(table: Any, path: object) -> Any:
@@ -92,7 +104,8 @@ def _pulley(table: Any, belts: dict[Any, dict[str, Any]], path: object) -> Any:
     name = f"pulley.{table.get('name', '')}"
     if "groove_angle" in table:
         table = _in_groove(table, name, path)
-    belt = belts.get(table.get("belt"), next(iter(belts.values()), {}))
+    own, first = table.get("belt"), next(iter(belts.values()), {})
+    belt = belts.get(own, first) if isinstance(own, str) else first
     if "pitch" in belt and "friction" in table:
         message = f"the toothed belt ({_label(belt)}.pitch) does not slip; remove this"
         raise FileError(path, f"{name}.friction", message)
@@ -111,6 +124,10 @@ def _pulley(table: Any, belts: dict[Any, dict[str, Any]], path: object) -> Any:
         message = f"belongs to a pulley with face = {face!r}; give {other} or diameter"
         raise FileError(path, f"{name}.{key}", message)
     offset = DIAMETERS[key]
+    try:
+        require_moderate(table[key], 2 * LARGEST_BARE_RADIUS)
+    except ValueError as error:
+        raise FileError(path, f"{name}.{key}", str(error)) from error
     radius = _length(table[key], f"{name}.{key}", path) / 2
     if offset:
         radius += _of_belt(belt, offset, path)

@@ -24,24 +24,25 @@ def springs_as_positions(content: dict[str, Any], path: object) -> dict[str, Any
     tables = content.get("tensioner")
     one = isinstance(tables, dict)
     listed = [tables] if one else tables if isinstance(tables, list) else []
+    rule = content.get("installation", {})
+    known = rule.get("free", {}) if isinstance(rule, dict) else None
+    if not isinstance(known, dict):
+        return content
     free: dict[str, float] = {}
     plain = [_table(table, one, content, free, path) for table in listed]
     if plain == listed:
         return content
     changed = content | {"tensioner": plain[0] if one else plain}
-    rule = content.get("installation", {})
-    if not free or not isinstance(rule, dict):
-        return changed
-    return changed | {"installation": rule | {"free": rule.get("free", {}) | free}}
+    return changed | {"installation": rule | {"free": known | free}} if free else changed
 
 
 def _table(
     table: Any, one: bool, content: dict[str, Any], free: dict[str, float], path: object
 ) -> Any:
     """The table of a tensioner without its preload, which goes to `free`."""
-    if not isinstance(table, dict) or not any(key in table for key in _KEYS):
+    name = table.get("name", SINGLE) if isinstance(table, dict) else None
+    if not isinstance(name, str) or not any(key in table for key in _KEYS):
         return table
-    name = table.get("name", SINGLE)
     key = f"tensioner.{name}" if "name" in table else "tensioner"
     if "preload" not in table:
         raise FileError(path, f"{key}.at_angle", "goes with preload; add it, or remove this")
@@ -67,9 +68,7 @@ def _require_alone(
 ) -> None:
     """Raise `FileError` where something else says the same as a preload."""
     rule = content.get("installation", {})
-    rule = rule if isinstance(rule, dict) else {}
-    free = rule.get("free")
-    if "free_angle" in rule or (isinstance(free, dict) and name in free):
+    if "free_angle" in rule or name in rule.get("free", {}):
         other = "free_angle" if "free_angle" in rule else f"free.{name}"
         message = f"installation.{other} says where this spring is relaxed; give one of them"
         raise FileError(path, f"{key}.preload", message)
@@ -87,19 +86,27 @@ def _turn_to(table: dict[str, Any], key: str, content: dict[str, Any], path: obj
         message = "is the direction of one arm, from pivot to pulley; remove it"
         raise FileError(path, label, message)
     angle = _number(table["at_angle"], "rad", label, path)
-    carried = [table["pulley"]] if "pulley" in table else table.get("pulleys", [])
-    pulleys = content.get("pulley")
+    carried = [table.get("pulley"), *_items(table.get("pulleys"))]
     centers = [
-        [_number(part, "m", f"pulley.{pulley['name']}.center", path) for part in pulley["center"]]
-        for pulley in (pulleys if isinstance(pulleys, list) else [])
-        if isinstance(pulley, dict) and pulley.get("name") in carried and "center" in pulley
+        _point(pulley.get("center"), f"pulley.{pulley.get('name')}.center", path)
+        for pulley in _items(content.get("pulley"))
+        if isinstance(pulley, dict) and pulley.get("name") in carried
     ]
-    pivot = table.get("pivot")
-    if not centers or not isinstance(pivot, list):
-        raise FileError(path, label, "needs the pivot and the pulley of the arm; add them")
-    drawn = arm_direction(centers, [_number(part, "m", f"{key}.pivot", path) for part in pivot])
+    if not centers:
+        raise FileError(path, label, "needs the name of the arm's pulley; add it")
+    drawn = arm_direction(centers, _point(table.get("pivot"), f"{key}.pivot", path))
     # The arm never turns by half a turn between the two.
     return (angle - drawn + math.pi) % (2 * math.pi) - math.pi
+
+
+def _items(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else []
+
+
+def _point(value: Any, key: str, path: object) -> list[float]:
+    if not isinstance(value, list) or len(value) != 2:
+        raise FileError(path, key, "is no point; give [x, y]")
+    return [_number(part, "m", key, path) for part in value]
 
 
 def _number(value: Any, unit: str, key: str, path: object) -> float:

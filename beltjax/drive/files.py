@@ -191,7 +191,7 @@ def _described(content: dict[str, Any], path: str | os.PathLike[str]) -> tuple[D
     )
     drive = dataclasses.replace(drive, units=units_used(content, drive))
     drive = require_possible_layout(drive, listed, path)
-    require_tension(drive, runs.point, path)
+    require_tension(drive, path)
     return drive, runs
 
 

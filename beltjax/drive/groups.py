@@ -142,7 +142,7 @@ def groups_and_scales(
         slopes=at.span_turns * units / lengths[:, None],
         lifts=at.lifts * units / lengths[:, None],
         curvatures=at.curvatures * counted * by[:, None] * units,
-        springs=(of_springs.matrix + made.loads.stiffness(of, at.coordinates))
+        springs=(of_springs.matrix + made.outside.stiffness(of, at.coordinates))
         * units[:, None]
         * units
         / energy,

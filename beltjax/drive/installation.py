@@ -14,7 +14,13 @@ _TENSION = number(
     above=0,
     design=True,
 )
-_BELT_LENGTH = number("m", "of the unstretched belt", above=0, design=True)
+_BELT_LENGTH = number(
+    "m",
+    "of the unstretched belt along its neutral axis. A maker's effective length is longer there: "
+    "write it as `{ effective = x }`",
+    above=0,
+    design=True,
+)
 _FREE = number(COORDINATE, "where each spring is relaxed, by its name, from the drawn position")
 
 

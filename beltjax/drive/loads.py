@@ -26,7 +26,11 @@ def load_fault(
     if values is None:
         return "speed", "is given without power or torque; give one of them for each speed"
     if not speed.ndim or speed.shape[-1] < 2:
-        return "speed", "a table has at least two speeds; give more, or power without speed"
+        any_speed = "power alone, or operation.torque.NAME"
+        return (
+            "speed",
+            f"a table has at least two speeds; give more, or, for any speed, {any_speed}",
+        )
     if values.shape[-1:] != speed.shape[-1:]:
         found = values.shape[-1] if values.ndim else 1
         return field, f"found {found} for {speed.shape[-1]} speeds; give one for each"

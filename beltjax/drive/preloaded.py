@@ -1,10 +1,14 @@
 """The tension that springs, weights and constant forces give a belt in the drawn layout."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from beltjax.compiling.quick import quickly_compiled
 from beltjax.drive.assembly import Assembly, assembled
+from beltjax.drive.canonical import canonical
 from beltjax.drive.installation import Preloaded
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
@@ -13,7 +17,7 @@ from beltjax.numerics.definite import Definite, definite_solve
 
 
 def balancing_tensions(made: Assembly, rule: Preloaded) -> Definite:
-    """Tensions [N] that balance the drawn bodies whose springs and loads are all known.
+    """Tensions [N] that balance the drawn bodies whose springs and outside forces are known.
 
     They are not definite where a belt has no such body. Of more bodies than belts they are those of
     least squares, which the balance of each body then tests.
@@ -26,17 +30,26 @@ def balancing_tensions(made: Assembly, rule: Preloaded) -> Definite:
     wound = jnp.where(lacking, 0.0, of.stiffness * jnp.where(lacking, 0.0, free))
     # Moments count over a length beside forces.
     weight = known * jnp.where(made.bodies.rotary > 0, 1.0 / made.mean_length, 1.0)
-    force = (made.loads.push(made.bodies, made.still) + wound @ of.rows) * weight
+    force = (made.outside.push(made.bodies, made.still) + wound @ of.rows) * weight
     pulls = made.loops.sums(made.drawn.span_pulls) * weight
     return definite_solve(pulls @ pulls.T, pulls @ force, jnp.ones(belts))
 
 
-def require_tension(drive: Drive, point: OperatingPoint, path: object) -> None:
+def _balance(drive: Drive, point: OperatingPoint) -> Definite:
+    rule = drive.installation
+    assert isinstance(rule, Preloaded)  # as its caller holds
+    return balancing_tensions(assembled(drive, point), rule)
+
+
+def require_tension(drive: Drive, path: object) -> None:
     """Raise `FileError` where preloads and weights give a belt no tension, or push it off."""
     rule = drive.installation
     if not isinstance(rule, Preloaded):
         return
-    found = jax.device_get(balancing_tensions(assembled(drive, point), rule))
+    # What the balance does not depend on would compile anew where it differs.
+    bare = dataclasses.replace(drive, isolators=(), dampers=())
+    still = OperatingPoint(belt_speed=0.0)
+    found = jax.device_get(quickly_compiled(_balance)(*canonical(bare, still)))
     tensions = np.atleast_1d(found.solution)
     if not found.definite:
         raise FileError(

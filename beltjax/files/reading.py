@@ -12,6 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 from beltjax.files.errors import FileError
+from beltjax.files.units import shown
 
 _KIBIBYTE = 1024
 _LARGEST_TOML = 256 * _KIBIBYTE  # a drive of 200 pulleys takes a sixth of it
@@ -25,6 +26,18 @@ _LARGEST_INTEGER = 10**30
 _ONE_KEY = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
 _DEEP_KEY = re.compile(
     rf"(?<![\w-]){_ONE_KEY}(?:[ \t]*+\.[ \t]*+{_ONE_KEY}){{{_DEEPEST},}}", re.ASCII
+)
+
+_AT_LINE = re.compile(r"\(at line ([0-9]+), column")
+_LONGEST_SHOWN = 200  # characters of a line that are looked at
+_QUOTED_NAME = 'a name with other signs than letters, digits, - and _ stands in quotes, as in "A/C"'
+_QUOTED_NUMBER = 'a number with its unit stands in quotes, as in "750 rpm"'
+# What is often wrong with a line that is not TOML. The first that fits is told.
+_TOML_HINTS = (
+    (re.compile(r"^\[[^\"']*[^\w.\-\[\]\"'#][^\"']*\]", re.ASCII), _QUOTED_NAME),
+    (re.compile(r"^[\w.\-]*[^\w.\-\s=\[\"'#][^=\"']*=", re.ASCII), _QUOTED_NAME),
+    (re.compile(r"=\s*[-+]?[0-9]+,[0-9]"), "decimals follow a point, not a comma"),
+    (re.compile(r"[=\[,]\s*[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?\s*[A-Za-z°µ%]"), _QUOTED_NUMBER),
 )
 
 
@@ -44,9 +57,27 @@ def read_toml(path: str | os.PathLike[str]) -> dict[str, Any]:
     if deep:
         line = text.count("\n", 0, deep.start()) + 1
         raise FileError(path, "", f"line {line} has more than {_DEEPEST} keys joined by dots")
-    content = _parsed(path, lambda: tomllib.loads(text), "TOML", "correct that line")
+    try:
+        content = tomllib.loads(text)
+    except RecursionError as error:
+        raise FileError(path, "", "is nested too deep; correct that line") from error
+    except ValueError as error:  # its error, and that of an integer of too many digits
+        raise FileError(path, "", f"is not TOML: {error}; {_toml_lead(text, error)}") from error
     _require_moderate(path, content)
     return content
+
+
+def _toml_lead(text: str, error: ValueError) -> str:
+    """What to do about a text that is not TOML: the line, and what is often wrong with such."""
+    lead = "correct that line"
+    found = _AT_LINE.search(str(error))
+    if not found:
+        return lead
+    line = text.split("\n")[int(found[1]) - 1].strip()[:_LONGEST_SHOWN]
+    hints = (hint for pattern, hint in _TOML_HINTS if pattern.search(line))
+    if "Cannot overwrite" in str(error):
+        hints = iter(("the file gives it twice",))
+    return f"{lead}, {shown(line)}" + "".join(f": {hint}" for hint in list(hints)[:1])
 
 
 def read_json(path: str | os.PathLike[str], remedy: str) -> Any:

@@ -26,6 +26,7 @@ _FOREIGN_KEYS = {
     "power": "give it in [operation.load.NAME], NAME being the pulley that takes it",
     "length": "give belt_length",
     "width": "axial_stiffness, bending_stiffness and mass_per_length are those of the whole width",
+    "ribs": "axial_stiffness, bending_stiffness and mass_per_length are those of all ribs",
     "density": "give mass_per_length: density times cross section",
     "modulus": "give axial_stiffness: modulus times cross section",
     "youngs_modulus": "give axial_stiffness: modulus times cross section",
@@ -37,10 +38,8 @@ def checked(value: Any, number: Number, kind: str | None = None) -> float:
 
     Raises `ValueError` with a text that says what was found and what is expected.
     """
-    largest = number.largest_bare
-    if largest is not None and type(value) in (int, float) and value > largest:
-        lead = f'millimeters are written "{value:g} mm", and such large pulleys "{value:g} m"'
-        raise ValueError(f"found {value:g}; a bare number is in meters, {lead}")
+    if number.largest_bare is not None:
+        require_moderate(value, number.largest_bare)
     if number.unbounded and isinstance(value, float) and math.isinf(value):
         return value
     found = to_si(value, number.unit_for(kind))
@@ -49,6 +48,13 @@ def checked(value: Any, number: Number, kind: str | None = None) -> float:
     if number.at_least is not None and not found >= number.at_least:
         raise ValueError(f"found {shown(value)}; must not be less than {number.at_least:g}")
     return found
+
+
+def require_moderate(value: Any, largest: float) -> None:
+    """Raise `ValueError` for a bare number above `largest`, which is hardly meant in meters."""
+    if type(value) in (int, float) and value > largest:
+        lead = f'millimeters are written "{value:g} mm", and such large pulleys "{value:g} m"'
+        raise ValueError(f"found {value:g}; a bare number is in meters, {lead}")
 
 
 def valid(owner: type, field: str, kind: str | None = None) -> BeforeValidator:
@@ -210,6 +216,8 @@ def _message(error: Any, table: type[Table]) -> str:
         return f"found {shown(found)}; give a table"
     if kind == "list_type" and isinstance(found, dict):
         return f"found one table; write its heading in double brackets: [[{error['loc'][-1]}]]"
+    if kind == "list_type":
+        return f"found {shown(found)}; give a list, as in [a, b]"
     text = error["msg"].removeprefix("Input should be ")
     return f"found {shown(found)}; give {text}"
 

@@ -41,6 +41,7 @@ _DEFINITIONS = (
     "@alias revolutions_per_minute = RPM",
     "@alias turn = rev",
     "@alias kilogram_force = kp",
+    "PS = metric_horsepower",
 )
 # What was found in place of what is wanted, as units of those dimensions, and what leads on.
 # The first row that fits is taken.
@@ -57,6 +58,11 @@ _HINTS = (
     ("m/s", "rad/s", "that is no speed in m/s; operation.driver_speed takes rpm"),
     ("kg/m", "kg/m^3", "that is a density; times the belt's cross section it is kg/m"),
     ("kg m^2", "kg", "that is a mass; an inertia is in kg m^2"),
+)
+# Units as they are written, for those who take other letters.
+_WRITTEN = (
+    *("kW", "W", "kN", "N", "mm", "cm", "m", "rpm", "rad/s", "deg", "kg", "g", "kg/m", "g/m"),
+    *("N m", "N mm", "N m/rad", "N m/deg", "N/m", "N/mm", "N m^2", "kg m^2", "kg mm^2"),
 )
 # The units library, which takes long to load, is left alone where these do.
 _FACTORS = {("m", "mm"): 1e3, ("rad", "deg"): 180 / math.pi, ("rad/s", "rpm"): 30 / math.pi}
@@ -92,19 +98,16 @@ def to_si(value: Any, unit: str) -> float:
 
 def decimal_meters(value: Any) -> Decimal | None:
     """A length in m with every digit that is written; None for what is no length."""
-    if isinstance(value, bool):
-        return None
-    if isinstance(value, int | float):
-        # The shortest text that reads back the same has the digits that were written, up to 15.
-        return Decimal(repr(value)) if math.isfinite(value) else None
-    parts = _NUMBER_WITH_UNIT.fullmatch(value) if isinstance(value, str) else None
-    if parts is None or len(value) > _LONGEST:
-        return None
     try:
-        factor = to_si(f"1 {parts[2]}", "m")
+        to_si(value, "m")
+        if not isinstance(value, str):
+            # The shortest text that reads back the same has the digits written, up to 15.
+            return Decimal(repr(value))
+        parts = _NUMBER_WITH_UNIT.fullmatch(value)
+        factor = to_si(f"1 {parts[2]}", "m") if parts else 0.0
     except ValueError:
         return None
-    return Decimal(parts[1]) * Decimal(repr(factor))
+    return Decimal(parts[1]) * Decimal(repr(factor)) if parts else None
 
 
 def si_of_text(text: str, unit: str) -> float:
@@ -196,6 +199,9 @@ def _lead(written: str, number: str, unit: str) -> str:
     if written.lower().replace(" ", "") in ("u/min", "/min"):
         return f'write "{number} rpm"' if unit == "rad/s" else ""
     registry = _units()
+    spelled = _spelled(written)
+    if spelled and spelled != written and registry.Unit(spelled).is_compatible_with(unit):
+        return f'write "{number} {spelled}"'
     try:
         dimension = registry.Unit(written).dimensionality
     except Exception:  # as above
@@ -204,3 +210,9 @@ def _lead(written: str, number: str, unit: str) -> str:
         if wanted == unit and registry.Unit(other).dimensionality == dimension:
             return text.format(number)
     return ""
+
+
+def _spelled(written: str) -> str:
+    """A usual unit of the same letters, small or large; empty where there is none."""
+    letters = written.casefold().replace(" ", "")
+    return next((unit for unit in _WRITTEN if unit.casefold().replace(" ", "") == letters), "")

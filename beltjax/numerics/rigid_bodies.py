@@ -48,7 +48,7 @@ class Weights(NamedTuple):
     force_y: Coordinates
 
 
-class Loads(NamedTuple):
+class OutsideForces(NamedTuple):
     """Forces on the bodies from outside: constant ones by their coordinates, and weights."""
 
     constant: Coordinates

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from beltjax.numerics.loops import Loops
-from beltjax.numerics.rigid_bodies import Bodies, Coordinates, Loads, Placed, placed
+from beltjax.numerics.rigid_bodies import Bodies, Coordinates, OutsideForces, Placed, placed
 from beltjax.physics.belt_law import AbstractBeltLaw
 from beltjax.physics.elastica import Span, SpanData, separatrix, span_at, span_start
 
@@ -64,7 +64,7 @@ class ContactModel(NamedTuple):
     together: Float[Array, "coordinates coordinates"]  # bodies that float together
     floating: Coordinates
     first: Coordinates  # 1 for the first body of those that float together
-    loads: Loads
+    outside: OutsideForces
     motion: BeltMotion
 
 
@@ -97,7 +97,7 @@ class Loop(NamedTuple):
     V_ref: Spans
     unstretched: Spans  # lengths of the spans
     on_pulleys: Pulleys  # unstretched lengths
-    push: Coordinates  # of the belt, of the accessories' reactions and of loads on the bodies
+    push: Coordinates  # of the belt, of the accessories' reactions and from outside, on the bodies
 
 
 def joined(unknown: Unknown, model: ContactModel) -> Loop:
@@ -119,7 +119,7 @@ def joined(unknown: Unknown, model: ContactModel) -> Loop:
     there = _placed(unknown.q, model)
     pull_x, pull_y = force_x - preceding(force_x), force_y - preceding(force_y)
     reaction = mod.housed * mod.pull * mod.rho * jnp.exp(unknown.scale)
-    push = pull_x @ there.by_x + pull_y @ there.by_y + mod.loads.push(mod.bodies, unknown.q)
+    push = pull_x @ there.by_x + pull_y @ there.by_y + mod.outside.push(mod.bodies, unknown.q)
     return Loop(
         data=data,
         spans=spans,

@@ -175,7 +175,7 @@ def _bodies(q: Coordinates, loop: Loop, length: Belts, model: ContactModel, task
 
 
 def _force(q: Coordinates, push: Coordinates, model: ContactModel, held: HeldBelt) -> Coordinates:
-    """Force of belt, accessories, loads and springs together on the bodies."""
+    """Force of belt, accessories, springs and the outside together on the bodies."""
     return push + held.relaxed - model.K @ q
 
 

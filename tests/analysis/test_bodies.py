@@ -14,6 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from drives import example
 
 import beltjax as bj
 from beltjax.drive.numbers import number_value, with_numbers
@@ -198,7 +199,8 @@ def test_loads_are_of_the_spans_that_touch_the_pulley(drive_of):
     """With two belts the span before a belt's first pulley is that belt's last one."""
     drive, point = drive_of("18")
     steady = bj.steady_state(drive, point)
-    at, tensions = steady.reference.layout, np.asarray(steady.running_tensions)
+    at = steady.reference.layout
+    tensions = np.asarray(steady.effective_tensions * steady.scales.tension)
     quantities = bj.optimize.DriveAnalyses(drive, point, steady)
     for p, name in enumerate(drive.pulley_names):
         (before,) = (k for k, span in enumerate(drive.span_names) if span.endswith(f"-{name}"))
@@ -210,3 +212,14 @@ def test_loads_are_of_the_spans_that_touch_the_pulley(drive_of):
         Q = np.asarray(steady.effective_tensions)
         ratio = abs(np.log(Q[after] / Q[before]))
         assert float(steady.slip_exponents[p]) == pytest.approx(ratio, rel=1e-12)
+
+
+@pytest.mark.parametrize("speed", [0.0, 3.0, 15.0])
+def test_a_take_up_bears_its_weight_at_any_speed(speed):
+    """The carriage is in balance: its drum's hub bears the 24 kN that pull it, and no more."""
+    drive, _ = example("conveyor")
+    [carriage] = drive.tensioners
+    steady = bj.steady_state(drive, bj.OperatingPoint(belt_speed=speed))
+    tail = drive.pulley_names.index("tail")
+    pull = float(steady.hub_loads[tail] @ carriage.direction)
+    assert pull == pytest.approx(-24e3, rel=1e-4)

@@ -141,6 +141,7 @@ def locked():
     return dataclasses.replace(given, pulleys=pulleys, belts=(belt,), tensioners=())
 
 
+@pytest.mark.slow
 def test_slack_lane_leaves_its_neighbors_alone():
     """Locked centers and an elastic belt: at s = 5.6 its stretch outgrows what slopes take up."""
     given = locked()

@@ -1,5 +1,8 @@
 """A new number, of whatever type, or a new name compiles nothing."""
 
+import dataclasses
+
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -59,6 +62,25 @@ def changes_of(function, drive, point):
 def test_states(name):
     drive, point = example("three_pulley")
     assert changes_of(STEADY[name], drive, point) == dict.fromkeys(TYPES, 0)
+
+
+def test_what_a_belt_is_sold_as_and_where_the_site_is():
+    drive, point = example("three_pulley")
+    bj.steady_state(drive, point)
+    belt = dataclasses.replace(drive.belt, pitch=0.005, standard_lengths=(1.5, 1.6))
+    other = dataclasses.replace(drive, belts=(belt,), origin=(4e5, 5e6))
+    with compilations() as count:
+        bj.steady_state(other, point)
+    assert count == [0]
+
+
+def test_another_weight():
+    drive, point = example("conveyor")
+    bj.reference_state(drive, point)
+    heavier = eqx.tree_at(lambda d: d.tensioners[0].force, drive, jnp.asarray(3e4))
+    with compilations() as count:
+        bj.reference_state(heavier, point)
+    assert count == [0]
 
 
 def test_vibration():

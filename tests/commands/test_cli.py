@@ -81,6 +81,19 @@ def test_belt_that_does_not_fit_is_a_bad_file(run, tmp_path):
     assert not (tmp_path / "out.json").exists()
 
 
+def test_stops_that_leave_out_the_drawn_arm_are_told(run, tmp_path):
+    """The drawn arm is at -3.749 deg, and [tensioner] counts directions."""
+    rule = "[installation]\nbelt_length = 1.51\nfree_angle = -0.23"
+    text = THREE.replace("[installation]", rule).replace("tension = 300.0", "")
+    text = text.replace("stiffness = 116.4", 'stiffness = 116.4\nstops = ["20 deg", "50 deg"]')
+    (tmp_path / "stops.toml").write_text(text)
+    status, _, err = run("analyze", "stops.toml")
+    assert status == 1
+    assert one_line(err)
+    assert "along the neutral axis; change belt_length or what its springs have" in err
+    assert "the stops of tensioner leave out the drawn position" in err
+
+
 def test_free_angle_that_is_a_turn_off_is_led_on(run, tmp_path):
     # The belt and the free angle of the drive as drawn, the angle told in (0, 360] degrees.
     rule = '[installation]\nbelt_length = 1.5103162923712807\nfree_angle = "346.5667431779692 deg"'
@@ -198,6 +211,21 @@ def test_drive_that_cannot_run_is_an_answer(run, tmp_path, old, new, says):
 
 
 @pytest.mark.parametrize(
+    ("teeth", "found"), [(110, "0.5500 m, too short"), (130, "0.6500 m, too long")]
+)
+def test_a_belt_that_no_place_of_its_eccentric_holds_is_told_by_the_paths(
+    run, tmp_path, teeth, found
+):
+    """The roller, 6 mm off its axis, moves the path of 119 teeth by less than 24 mm."""
+    text = (EXAMPLES / "timing_belt_eccentric.toml").read_text()
+    (tmp_path / "other.toml").write_text(text.replace("teeth = 119 }", f"teeth = {teeth} }}"))
+    status, _, err = run("analyze", "other.toml")
+    assert status == 1
+    assert one_line(err)
+    assert f"installation.belt_length: found {found}: with eccentric" in err
+
+
+@pytest.mark.parametrize(
     ("words", "says"),
     [
         (("analyze",), "Missing argument"),
@@ -292,7 +320,7 @@ def test_bad_study_is_one_line_and_writes_nothing(case, run, tmp_path):
 def test_fresh_process_sets_double_precision_and_handles_an_interrupt(tmp_path):
     code = (
         "import beltjax.__main__, beltjax.commands.reports.analyze as jobs, sys\n"
-        "def stop(path, figure, si): raise KeyboardInterrupt\n"
+        "def stop(*_): raise KeyboardInterrupt\n"
         "jobs.analyze_report = stop\n"
         "sys.argv = ['beltjax', 'analyze', 'x.toml', '--json', 'out.json']\n"
         "beltjax.__main__.main()"

@@ -50,6 +50,21 @@ def test_two_pulleys_are_those_of_the_handbook(run, tmp_path):
     assert (tmp_path / "sheet.png").read_bytes()[:4] == b"\x89PNG"
 
 
+def test_a_path_along_the_effective_line_is_that_of_the_grooves_diameters(run, tmp_path):
+    """A belt whose pulleys have the effective diameters as pitch diameters is as long as that."""
+    plain, out = document(run, tmp_path, OPEN)
+    assert plain["belts"][0]["effective_length"] is None
+    assert "effective" not in out
+    printed = OPEN.replace('radius = "50 mm"', 'effective_diameter = "100 mm"')
+    printed = printed.replace('radius = "125 mm"', 'effective_diameter = "250 mm"')
+    printed = '[belt]\npitch_offset = "1.5 mm"\n' + printed.replace('name = "open belt"', "")
+    found, out = document(run, tmp_path, printed)
+    effective, path = plain["belts"][0]["path_length"], found["belts"][0]["path_length"]
+    assert found["belts"][0]["effective_length"] == pytest.approx(effective, rel=1e-12)
+    assert path > effective + 0.009
+    assert re.search(rf"along the effective line +{1e3 * effective:.2f}", out)
+
+
 def test_a_speed_is_shown_where_there_is_one(run, tmp_path):
     found, out = document(run, tmp_path, OPEN + '[operation]\ndriver_speed = "1500 rpm"\n')
     assert found["pulleys"][1]["speed"] == pytest.approx(600 * math.pi / 30)

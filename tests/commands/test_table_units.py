@@ -3,11 +3,15 @@
 import io
 import math
 
+import equinox as eqx
+import jax.numpy as jnp
 import pytest
 from bodies_cases import load, swap
 from drives import EXAMPLES
 from rich.console import Console
 
+import beltjax as bj
+from beltjax.commands.reports.analyze_tables import components, state_tables
 from beltjax.commands.reports.optimize import _design_table
 from beltjax.commands.reports.units import TableUnits
 
@@ -75,3 +79,22 @@ def test_frequencies_are_in_hertz(drive):
     assert TableUnits(drive).of_quantity(2 * math.pi, "rad/s") == (pytest.approx(1.0), "Hz")
     assert TableUnits(drive, si=True).of_quantity(3.0, "rad/s") == (3.0, "rad/s")
     assert TableUnits(drive).of_quantity(3.0, "") == (3.0, "")
+
+
+def test_the_two_numbers_of_gravity_have_keys_and_a_unit_of_their_own():
+    drive, _ = bj.load_drive(EXAMPLES / "conveyor.toml")
+    heavy = eqx.tree_at(lambda d: d.gravity, drive, jnp.array([0.0, -9.81]), is_leaf=_is_none)
+    parts = components("gravity", [0.0, -9.81], [1.0, 2.0])
+    assert parts == [("gravity.x", 0.0, 1.0), ("gravity.y", -9.81, 2.0)]
+    assert TableUnits(heavy).of_number(parts[1][0], -9.81) == (-9.81, "m/s^2")
+
+
+def _is_none(part):
+    return part is None
+
+
+def test_a_drive_that_does_not_come_to_rest_has_no_table_of_its_tensioners(drive):
+    spans, pulleys = state_tables(
+        "no rest", {"spans": [], "pulleys": [], "coordinates": None}, None, TableUnits(drive)
+    )
+    assert (spans.row_count, pulleys.row_count) == (0, 0)

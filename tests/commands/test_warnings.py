@@ -80,6 +80,33 @@ def test_tensions_above_the_maker_s_limit_are_named():
     assert above(limited(most + 1)) == above(drive) == []
 
 
+@pytest.mark.parametrize(("part", "slips"), [(0.99, True), (1.01, False)])
+def test_a_pulley_slips_where_the_capstan_holds_less_than_its_tensions_ask(part, slips):
+    """Tensions less m v^2 hold as 1 to exp(friction times wrap), as Euler has it."""
+    drive, _ = example("three_pulley")
+    point = bj.OperatingPoint(belt_speed=20.0, torque={"accessory": 6.0})
+    steady = bj.steady_state(drive, point)
+    pull = float(drive.belt.mass_per_length) * 20.0**2
+    slack, tight = sorted(np.asarray(steady.running_tensions)[[1, 2]] - pull)
+    wrap = float(steady.reference.layout.wraps[2])
+    friction = part * np.log(tight / slack) / wrap
+    pulleys = (*drive.pulleys[:2], dataclasses.replace(drive.pulleys[2], friction=friction))
+    drive = dataclasses.replace(drive, pulleys=pulleys)
+    warned = [one for one in steady_warnings(drive, point, steady) if one["code"] == "belt_slips"]
+    assert [one["text"].startswith("the belt slips on accessory (-0.0") for one in warned] == (
+        [True] * slips
+    )
+
+
+def test_large_speeds_have_no_power_of_ten():
+    """At 40 m/s the accessory turns at 40/0.02697 rad/s, 14163 rpm."""
+    drive, _ = example("three_pulley")
+    table = bj.Load(power=[100.0, 900.0], speed=np.array([3000, 12000]) * np.pi / 30)
+    point = bj.OperatingPoint(belt_speed=40.0, load={"accessory": table})
+    [warned] = load_warnings((drive, point))
+    assert "accessory turns at 14163 rpm (3000 to 12000 rpm)" in warned["text"]
+
+
 def test_studies_know_what_is_left_of_the_limit():
     drive, point = example("three_pulley")
     with pytest.raises(KeyError, match="belt 'belt' has no allowable_tension"):

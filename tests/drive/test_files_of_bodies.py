@@ -232,7 +232,7 @@ BAD = {
     "no mass": (swap(LEVER, "mass = 0.3", ""), r"lever\.mass", "mass_center goes with it"),
     "no mass center": (swap(LEVER, "mass_center = [0.0, 0.235]", ""), r"lever\.mass_center", "mass goes with it"),
     "one arm of a twin": (swap(TWIN, '["right", "left"]', '["right"]'), r"twin\.pulleys", "one on each arm"),
-    "inertia of a twin": (swap(TWIN, "[0.0024, 0.0024]", "0.0024"), r"twin\.inertia", "give a valid list"),
+    "inertia of a twin": (swap(TWIN, "[0.0024, 0.0024]", "0.0024"), r"twin\.inertia", r"give a list, as in \[a, b\]"),
     "spring to nothing": (TWO_ARMS + SPRING.replace('"t2"', '"t3"'), r"arm_spring\.s\.between", "no tensioner 't3'"),
     "spring to itself": (TWO_ARMS + SPRING.replace('"t2"', '"t1"'), r"arm_spring\.s\.between", "name two"),
     "unit of a spring": (TWO_ARMS + SPRING.replace("= 5", '= "5 N/m"'), r"arm_spring\.s\.stiffness", "not N m/rad"),

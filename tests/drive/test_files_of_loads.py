@@ -95,6 +95,7 @@ def test_a_load_on_another_belt_turns_with_its_own_pulley(tmp_path):
     assert torques["crank2"] * 15.0 / 0.075 == pytest.approx(-400.0, rel=1e-14)
 
 
+@pytest.mark.slow
 def test_contact_takes_the_torque_of_a_load():
     """The driven pulley turns with the belt, but for what the belt stretches: P/omega at rest."""
     drive, _ = example("two_pulley_table_5_1")
@@ -107,6 +108,7 @@ def test_contact_takes_the_torque_of_a_load():
     assert abs(float(one.moments[1])) == pytest.approx(20.0 * radius / speed, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_derivatives_are_total(tmp_path):
     """By speed, radius and the numbers of the table: the torque follows each of them."""
     drive, point = load(tmp_path, with_load(TABLE))
@@ -229,7 +231,7 @@ WRONG = {
     "torque without speed": ("[operation.load.accessory]\ntorque = 2\n", r"load\.accessory\.torque: goes with a list speed; a torque for any speed is operation\.torque\.NAME"),
     "lengths": ("[operation.load.accessory]\npower = [1, 2, 3]\nspeed = [1, 2]\n", r"load\.accessory\.power: found 3 for 2 speeds; give one for each"),
     "falling": ("[operation.load.accessory]\npower = [1, 2]\nspeed = [2, 1]\n", r"load\.accessory\.speed: must increase"),
-    "one speed": ("[operation.load.accessory]\npower = [1]\nspeed = [2]\n", r"load\.accessory\.speed: a table has at least two speeds"),
+    "one speed": ("[operation.load.accessory]\npower = [1]\nspeed = [2]\n", r"load\.accessory\.speed: a table has at least two speeds; give more, or, for any speed, power alone, or operation\.torque\.NAME"),
     "speeds alone": ("[operation.load.accessory]\nspeed = [1, 2]\n", r"load\.accessory\.speed: is given without power or torque"),
     "both": ("[operation.load.accessory]\nspeed = [1, 2]\npower = [1, 2]\ntorque = [1, 2]\n", r"load\.accessory\.power: is given beside torque; give one of them"),
     "empty": ("[operation.load.accessory]\n", r"load\.accessory\.power: is missing"),

@@ -82,12 +82,13 @@ def test_a_saved_file_has_the_same_drive(tmp_path):
         ('diameter = "113 mm"', 'diameter = "113 mm"\nradius = 0.05', r"pulley\.pump\.diameter: radius is given, too; give one of them"),
         ('pitch_offset = "1.5 mm"\n', "", r"belt\.pitch_offset: is missing; add the distance from the belt's effective line"),
         ('diameter = "113 mm"', 'diameter = "113 N"', r"pulley\.pump\.diameter: found '113 N', whose unit is not m"),
+        ('diameter = "113 mm"', "diameter = 113", r"pulley\.pump\.diameter: found 113; a bare number is in meters, millimeters are written \"113 mm\""),
         ('face = "back"', 'face = "back"\nfriction = 0.3\ngroove_angle = "40 deg"', r"pulley\.idler\.groove_angle: belongs to a pulley with face = 'grooved' and friction"),
         ('face = "grooved"\ndriver', 'face = "grooved"\nfriction = 0.3\ngroove_angle = "200 deg"\ndriver', r"pulley\.crank\.groove_angle: found '200 deg'; give the angle between the flanks"),
         ('face = "grooved"\ndriver', 'face = "grooved"\ngroove_angle = "40 deg"\ndriver', r"pulley\.crank\.groove_angle: belongs to .* friction"),
         ('{ effective = "1337.3 mm" }', '{ outside = "1.4 m" }', r"installation\.belt_length.*outside"),
     ],
-    ids=["face", "twice", "offset", "unit", "groove on the back", "angle", "no friction", "length"],
+    ids=["face", "twice", "offset", "unit", "millimeters", "groove on the back", "angle", "no friction", "length"],
 )  # fmt: skip
 def test_what_does_not_fit_is_one_line(tmp_path, old, new, says):
     with pytest.raises(bj.FileError) as error:

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from bodies_cases import load, swap
+from drives import EXAMPLES
 
 import beltjax as bj
 from beltjax.drive.files import drive_content
@@ -100,3 +101,12 @@ def test_what_does_not_fit_is_one_line(tmp_path, old, new, says):
     with pytest.raises(bj.FileError) as error:
         load(tmp_path, swap(SPRUNG, old, new))
     assert re.search(says, str(error.value))
+
+
+def test_a_slack_belt_leads_to_what_tightens_it(run, tmp_path):
+    """12 kN m at 0.4 m take 30 kN, more than the two strands' 24 kN together."""
+    text = (EXAMPLES / "conveyor.toml").read_text()
+    (tmp_path / "slack.toml").write_text(swap(text, '"3.2 kN m"', '"12 kN m"'))
+    status, _, err = run("analyze", "slack.toml")
+    assert (status, err.count("\n")) == (2, 1)
+    assert re.search(r"slack at rest \(-3000 N\).*raise the preload, force or weight of its", err)

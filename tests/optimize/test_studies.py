@@ -27,7 +27,8 @@ def best(study):
     return bj.optimize.minimize(study)
 
 
-@pytest.mark.parametrize("method", [pytest.param("trust-constr", marks=pytest.mark.slow), "ipopt"])
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["trust-constr", "ipopt"])
 def test_other_optimizers_end_in_the_same_design(study, best, method):
     design = bj.optimize.minimize(dataclasses.replace(study, method=method))
     assert design.success

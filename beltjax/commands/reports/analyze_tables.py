@@ -14,6 +14,7 @@ from beltjax.commands.reports.units import TableUnits
 from beltjax.commands.reports.warnings import warning_lines
 
 _LARGEST_SENSITIVITIES = 8
+_POINTS = "center", "pivot", "direction", "gravity"  # whose two numbers have keys in .x and .y
 
 
 def analyze_tables(document: dict[str, Any], sizes: dict[str, Any], units: TableUnits) -> Group:
@@ -47,7 +48,9 @@ def state_tables(
     """The tables of one state, that of the document or of a duty: spans, pulleys, tensioners."""
     tables = [_span_table(title, state["spans"], coupling, units)]
     tables.append(_pulley_table(state["pulleys"], units))
-    return tables + [_coordinate_table(state["coordinates"], units)] * bool(state["coordinates"])
+    if state["coordinates"]:
+        tables.append(_coordinate_table(state["coordinates"], units))
+    return tables
 
 
 def _span_table(
@@ -181,5 +184,5 @@ def components(name: str, size: Any, slope: Any) -> list[tuple[str, float, float
     if not isinstance(slope, list):
         return [(name, size, slope)]
     indices = [f"[{i}]" for i in range(len(slope))]
-    labels = [".x", ".y"] if name.endswith(("center", "pivot", "direction")) else indices
+    labels = [".x", ".y"] if name.endswith(_POINTS) else indices
     return [(name + label, *part) for label, *part in zip(labels, size, slope, strict=True)]

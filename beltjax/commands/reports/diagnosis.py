@@ -14,7 +14,12 @@ from beltjax.compiling.quick import quickly_compiled
 from beltjax.drive.buildable import drawn_arm_angle, layout_fault
 from beltjax.drive.canonical import canonical
 from beltjax.drive.components import KINDS
-from beltjax.drive.installation import BeltGiven
+from beltjax.drive.installation import (
+    AdjustedToMark,
+    AdjustedToTension,
+    BeltGiven,
+    Preloaded,
+)
 from beltjax.drive.layout import layout
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
@@ -52,8 +57,13 @@ def diagnose(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagno
 
 def _failure(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagnosis:
     result = steady.result
-    if isinstance(drive.installation, BeltGiven) and _one_of(result, *_UNFIT):
-        return _belt_diagnosis(drive, drive.installation)
+    rule = drive.installation
+    if isinstance(rule, BeltGiven) and _one_of(result, *_UNFIT):
+        return _belt_diagnosis(drive, rule)
+    if isinstance(rule, AdjustedToTension | AdjustedToMark) and _one_of(result, *_UNFIT):
+        unreached = _adjusted_diagnosis(drive, rule)
+        if unreached is not None:
+            return unreached
     if result == RESULTS.span_slack:
         return _slack_diagnosis(drive, point, steady)
     if result == RESULTS.arm_at_stop:
@@ -155,15 +165,64 @@ def _belt_diagnosis(drive: Drive, rule: BeltGiven) -> Diagnosis:
         if found < shortest
         else "too long"
         if found > longest
-        else "not held by free_angle"
+        else "not held by the springs as they are relaxed"
     )
-    remedy = "change belt_length or free_angle" if len(turns) > 1 else "change belt_length"
+    remedy = "change belt_length"
+    if len(turns) > 1:
+        remedy += " or what its springs have (free_angle, free or preload)" + _stops_off(drive)
     stiff = float(drive.belt.bending_stiffness) > 0
     if stiff and longest < found < (1 + _ROOM) * longest:
         remedy += "; that is for a string: `beltjax contact` finds whether a stiff belt is tight"
     return Diagnosis(
         "installation.belt_length",
-        f"found {length} m, {too}: the path takes {' to '.join(path)} m; {remedy}",
+        f"found {length} m, {too}: the path takes {' to '.join(path)} m along the neutral axis; "
+        f"{remedy}",
+        True,
+    )
+
+
+def _stops_off(drive: Drive) -> str:
+    """Says so where the stops of a tensioner leave out its drawn position; else empty."""
+    for body in drive.tensioners:
+        least, greatest = np.asarray(body.stops)
+        if not least <= 0 <= greatest:
+            return (
+                f"; the stops of {body.name} leave out the drawn position: those of [tensioner] "
+                "are directions of the arm, those of [[tensioner]] count from the drawn position"
+            )
+    return ""
+
+
+def _adjusted_diagnosis(drive: Drive, rule: AdjustedToTension | AdjustedToMark) -> Diagnosis | None:
+    """Says so where no place of the tensioner that is adjusted makes a path of the belt's length.
+
+    The belt may be shorter than the path by its stretch under the given tension.
+    """
+    if len(drive.belts) > 1:
+        return None
+    body = drive.tensioners[int(np.argmax(np.asarray(rule.adjusted)))]
+    turns = float(body.kind) == KINDS["rotary"]
+    size = np.pi if turns else float(jnp.mean(layout(drive, throw=False).span_lengths))
+    least, greatest = np.clip(np.asarray(body.stops, float).reshape(-1, 2)[0], -size, size)
+    places = jnp.linspace(least, greatest, 361)[:, None] * rule.adjusted
+
+    def path(place: Any) -> tuple[Any, Any]:
+        at = layout(drive, place, throw=False)
+        return at.path_length, jnp.min(at.wraps)
+
+    lengths, wraps = (np.asarray(x) for x in jax.vmap(path)(places))
+    paths = lengths[wraps > 0]
+    length, strain = float(rule.belt_length), LARGEST_STRAIN
+    if isinstance(rule, AdjustedToTension):
+        strain = float(rule.tension / drive.belt.axial_stiffness)
+    if not paths.size or paths.min() / (1 + strain) <= length <= paths.max():
+        return None
+    too = "too long" if length > paths.max() else "too short"
+    given, *reached = _distinct_texts(length, float(paths.min()), float(paths.max()))
+    return Diagnosis(
+        "installation.belt_length",
+        f"found {given} m, {too}: with {body.name} in the places that it reaches the path takes "
+        f"{' to '.join(reached)} m; change belt_length, or give {body.name} more reach",
         True,
     )
 
@@ -197,16 +256,23 @@ def _slack_diagnosis(drive: Drive, point: OperatingPoint, steady: SteadyState) -
         found = f"span {drive.span_names[i]} is slack at rest ({tensions[i]:.4g} N)"
         if getattr(drive.installation, "span_tensions", None) is not None:
             return Diagnosis("installation.span_tensions", f"{found}: give tensions above 0", False)
-        remedy = "raise installation.tension, or lower the torques"
+        remedy = f"raise {_tightener(drive)}, or lower the torques"
         key = taken_key(point) or "operation.torque"
         return Diagnosis(key, f"{found} under these torques: {remedy}", False)
     span = drive.span_names[int(np.argmin(np.asarray(reference.tensions)))]
     return Diagnosis(
         speed_key(point),
         f"span {span} goes slack at a belt speed of {float(point.speed(drive)):.4g} m/s: lower the "
-        "speed or raise installation.tension",
+        f"speed or raise {_tightener(drive)}",
         False,
     )
+
+
+def _tightener(drive: Drive) -> str:
+    """What an engineer raises to have more tension."""
+    if isinstance(drive.installation, Preloaded):
+        return "the preload, force or weight of its tensioner"
+    return "installation.tension"
 
 
 def taken_key(point: OperatingPoint) -> str:

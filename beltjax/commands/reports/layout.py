@@ -15,12 +15,14 @@ from beltjax.commands.reports.report import Report
 from beltjax.commands.reports.tables import number, plain_table
 from beltjax.commands.reports.units import TableUnits
 from beltjax.drive.buildable import clearances, passes, pulley_pairs
+from beltjax.drive.file_makers_data import pitch_offsets
 from beltjax.drive.files import load_geometry
 from beltjax.drive.fitting import StandardBelt, standard_belts
 from beltjax.drive.layout import Layout, layout
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.shafts import transmission
 from beltjax.drive.system import Drive
+from beltjax.files.reading import read_toml
 
 _NARROWEST = 6  # gaps shown; all are in the JSON
 
@@ -48,6 +50,9 @@ class DrawnBeltPart(Part):
 
     name: str
     path_length: Maybe = meaning("m, of its neutral axis")
+    effective_length: Maybe = meaning(
+        "m, of the path along the effective line; null without a pitch_offset in the file"
+    )
     teeth: Maybe = meaning("path over pitch, seldom a whole number; null without teeth")
     speed: Maybe = meaning("m/s; null where the file gives no speed")
 
@@ -107,7 +112,8 @@ def layout_report(
     """
     drive, point, has_speed = load_geometry(path)
     at = jax.device_get(layout(drive))
-    document = layout_document(drive, point, at, has_speed)
+    offsets = pitch_offsets(read_toml(path), path)
+    document = layout_document(drive, point, at, has_speed, offsets)
     files: tuple[tuple[str, bytes], ...] = ()
     if figure:
         from beltjax.draw.layouts import layout_figure, picture_bytes  # slow to load
@@ -117,9 +123,12 @@ def layout_report(
 
 
 def layout_document(
-    drive: Drive, point: OperatingPoint, at: Layout, has_speed: bool
+    drive: Drive, point: OperatingPoint, at: Layout, has_speed: bool, offsets: dict[str, float]
 ) -> dict[str, Any]:
-    """The JSON document of a layout; speeds are those of `point` if it has any."""
+    """The JSON document of a layout; speeds are those of `point` if it has any.
+
+    `offsets` [m] of belts by their names lead from the neutral axis to the effective line.
+    """
     driven = jax.device_get(transmission(drive, point))
     speeds = np.asarray(driven.turning * driven.speeds / drive.radii)
     ratios = speeds / speeds[int(np.argmax(drive.drives))]
@@ -150,6 +159,9 @@ def layout_document(
             {
                 "name": belt.name,
                 "path_length": length,
+                "effective_length": None
+                if length is None or belt.name not in offsets
+                else length - 2 * math.pi * offsets[belt.name],
                 "teeth": None if belt.pitch is None or length is None else length / belt.pitch,
                 "speed": speed if has_speed else None,
             }
@@ -226,6 +238,9 @@ def _span_table(document: dict[str, Any], units: TableUnits) -> Table:
         several = f" of {row['name']}" if len(document["belts"]) > 1 else ""
         length = units.text(row["path_length"], "m", 2)
         table.add_row(escape(f"whole path{several}"), length, style="bold")
+        if row["effective_length"] is not None:
+            effective = units.text(row["effective_length"], "m", 2)
+            table.add_row(escape(f"along the effective line{several}"), effective, style="bold")
         if row["teeth"] is not None:
             table.add_row(escape(f"in teeth{several}"), number(row["teeth"], 3), style="bold")
     return table
@@ -233,7 +248,7 @@ def _span_table(document: dict[str, Any], units: TableUnits) -> Table:
 
 def _standard_table(document: dict[str, Any], units: TableUnits) -> Table:
     heads = units.head("length", "m"), "teeth", "fits with", ""
-    table = plain_table("Standard belts", "belt", *heads)
+    table = plain_table("Standard belts, without tension", "belt", *heads)
     for row in document["standard_belts"]:
         teeth = "-" if row["teeth"] is None else str(row["teeth"])
         first = escape(row["belt"]), units.text(row["length"], "m", 2), teeth

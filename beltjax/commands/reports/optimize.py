@@ -116,10 +116,19 @@ class ScatterPart(Part):
     as_drawn: AsDrawnPart
 
 
+class SnappedPart(Part):
+    """Variables that took a value on sale, and what that costs."""
+
+    values: dict[str, float] = meaning("of these variables, SI")
+    before: dict[str, float] = meaning("the design before, SI")
+    objective: Maybe = meaning("before")
+    loss: Maybe = meaning("objective now less before; null where no such design meets all limits")
+
+
 class OptimizeDocument(Document):
     """`beltjax optimize`."""
 
-    design: dict[str, float] = meaning("of the variables, SI")
+    design: dict[str, float] = meaning("of the variables and what is tied to them, SI")
     objective: ObjectivePart
     constraints: list[LimitPart] = meaning("those of the study")
     implied_constraints: list[LimitPart] = meaning("those of every drive that can be built")
@@ -133,6 +142,7 @@ class OptimizeDocument(Document):
     history: IterationsPart
     choices: list[ChoicePart] = meaning("only of a study with choices", default=[])
     robust: ScatterPart | None = meaning("only of a study with tolerances", default=None)
+    snapped: SnappedPart | None = meaning("only of a study that snaps variables", default=None)
 
 
 class OptimizeOptions(NamedTuple):
@@ -168,6 +178,8 @@ def optimize_report(
     document = optimize_document(study.point, design) | choices
     if study.scatter is not None:
         document |= robust_document(design, study.scatter)
+    if design.snapped is not None:
+        document["snapped"] = design.snapped._asdict()
     files = []
     if given.figure:
         from beltjax.draw.layouts import before_and_after, picture_bytes  # slow to load
@@ -364,6 +376,8 @@ def _optima_table(document: dict[str, Any], units: TableUnits) -> Table:
 
 
 def _optimality_lines(document: dict[str, Any], units: TableUnits) -> Iterator[str]:
+    if "snapped" in document:
+        yield snapped_line(document["snapped"], units)
     shown = document["optimality"]
     for name, price in document["active_bounds"].items():
         one, unit = units.of_number(name.rpartition(" ")[0], 1.0)
@@ -378,6 +392,18 @@ def _optimality_lines(document: dict[str, Any], units: TableUnits) -> Iterator[s
             else f"; least curvature {bent:.2g}"
         )
         yield f"optimality: residual {shown['residual']:.1e} of the scaled conditions{second}"
+
+
+def snapped_line(snapped: dict[str, Any], units: TableUnits) -> str:
+    """What variables took values on sale, and the loss."""
+    parts = []
+    for name, value in snapped["values"].items():
+        (now, unit), (was, _) = (units.of_number(name, x) for x in (value, snapped["before"][name]))
+        parts.append(f"{name} from {was:.6g} to {now:.6g}{unit and f' {unit}'}")
+    lost = "no design then meets all limits"
+    if snapped["loss"] is not None:
+        lost = f"the objective goes from {snapped['objective']:.6g} by {snapped['loss']:+.3g}"
+    return f"snapped: {', '.join(parts)}; {lost}"
 
 
 def _design_table(document: dict[str, Any], drive: Drive, units: TableUnits) -> Table:

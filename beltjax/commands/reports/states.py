@@ -56,7 +56,7 @@ class PulleyPart(Part):
     wrap_deg: Maybe
     speed: Maybe = meaning("rad/s, counterclockwise")
     hub_load: list[float] | None = meaning(
-        "N, x and y, of the running tensions; null: does not run"
+        "N, x and y, of the tensions less m v^2, which turns the belt round; null: does not run"
     )
     torque: Maybe = meaning("N m, taken from the belt")
     slip_margin: Maybe = meaning(
@@ -152,16 +152,13 @@ def pulleys(
 ) -> list[dict[str, Any]]:
     """Each pulley: wrap, speed of rotation, load on its hub and torque."""
     at, driven = steady.reference.layout, transmission(drive, point)
-    frictions = [None if p.friction is None else float(p.friction) for p in drive.pulleys]
     columns = zip(
         drive.pulley_names,
         plain(np.degrees(at.wraps)),
         plain(np.asarray(driven.turning * driven.speeds / drive.radii)),
         plain(steady.hub_loads),
         plain(driven.torques),
-        frictions,
-        np.asarray(at.wraps),
-        np.asarray(steady.slip_exponents),
+        slip_margins(drive, steady),
         strict=True,
     )
     return [
@@ -171,9 +168,19 @@ def pulleys(
             "speed": speed,
             "hub_load": load if running else None,
             "torque": torque,
-            "slip_margin": None if mu is None or not running else plain(mu * angle - used),
+            "slip_margin": margin if running else None,
         }
-        for name, wrap, speed, load, torque, mu, angle, used in columns
+        for name, wrap, speed, load, torque, margin in columns
+    ]
+
+
+def slip_margins(drive: Drive, steady: SteadyState) -> list[float | None]:
+    """Friction times wrap of each pulley, less what its tensions use of it; None: no friction."""
+    wraps = np.asarray(steady.reference.layout.wraps)
+    used = np.asarray(steady.slip_exponents)
+    return [
+        None if pulley.friction is None else plain(float(pulley.friction) * wrap - exponent)
+        for pulley, wrap, exponent in zip(drive.pulleys, wraps, used, strict=True)
     ]
 
 

@@ -10,8 +10,10 @@ from matplotlib.figure import Figure
 from beltjax import optimize
 from beltjax.analysis.linearization import has_inertias
 from beltjax.analysis.sweep import sweep
+from beltjax.commands.reports.optimize import snapped_line
 from beltjax.commands.reports.pages import inline_svg, rendered
 from beltjax.commands.reports.tables import largest_changes
+from beltjax.commands.reports.units import TableUnits
 from beltjax.draw.curves import sweep_figure
 from beltjax.draw.labels import span_label
 from beltjax.draw.layouts import before_and_after
@@ -49,6 +51,9 @@ def study_page(
         before=before,
         bounds=_bounds(study),
         success=design.success,
+        snapped=snapped_line(document["snapped"], TableUnits(study.drive, si=True))
+        if "snapped" in document
+        else "",
         layout=inline_svg(layouts),
         convergence=inline_svg(_convergence(document["history"])),
         frequencies=frequencies,

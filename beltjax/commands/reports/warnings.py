@@ -9,6 +9,7 @@ from rich.text import Text
 from beltjax.analysis.response import Response
 from beltjax.analysis.steady import FARTHEST, STIFFEST, SteadyState, steady_state
 from beltjax.analysis.sweep import Sweep
+from beltjax.commands.reports.states import slip_margins
 from beltjax.commands.reports.vibrating import RPM
 from beltjax.drive.numbers import with_number
 from beltjax.drive.operation import OperatingPoint
@@ -28,6 +29,7 @@ def steady_warnings(drive: Drive, point: OperatingPoint, steady: SteadyState) ->
         *_far_tensioners(drive, steady),
         *load_warnings((drive, point)),
         *_overloaded_belts(drive, steady),
+        *_slipping_pulleys(drive, steady),
         *_idle_dampers(drive),
     ]
 
@@ -43,7 +45,8 @@ def load_warnings(*runs: tuple[Drive, OperatingPoint]) -> Warnings:
             if driven is not None and load.speed is not None and driven.outside[k]:
                 speeds = driven.speeds[k] / drive.radii[k], load.speed[0], load.speed[-1]
                 speed, least, greatest = (RPM * float(x) for x in speeds)
-                found[name] = f"{name} turns at {speed:.4g} rpm ({least:.4g} to {greatest:.4g} rpm)"
+                table = f"{_digits(least)} to {_digits(greatest)}"
+                found[name] = f"{name} turns at {_digits(speed)} rpm ({table} rpm)"
     if not found:
         return []
     text = (
@@ -51,6 +54,11 @@ def load_warnings(*runs: tuple[Drive, OperatingPoint]) -> Warnings:
         "end of the table is held; extend the table, or change the speed"
     )
     return [{"code": "load_outside_table", "text": text}]
+
+
+def _digits(value: float) -> str:
+    """A number with four digits at least, and no power of ten where it is large."""
+    return f"{value:.4g}" if abs(value) < 1e4 else f"{value:.0f}"
 
 
 def _far_tensioners(drive: Drive, steady: SteadyState) -> Warnings:
@@ -85,6 +93,22 @@ def _overloaded_belts(drive: Drive, steady: SteadyState) -> Warnings:
         return []
     text = f"the tension is above the belt's allowable_tension: {', '.join(above)}"
     return [{"code": "tension_above_allowable", "text": text}]
+
+
+def _slipping_pulleys(drive: Drive, steady: SteadyState) -> Warnings:
+    """Pulleys whose friction and wrap do not hold the tensions beside them."""
+    margins = zip(drive.pulley_names, slip_margins(drive, steady), strict=True)
+    slip = [
+        f"{name} ({margin:.2g})" for name, margin in margins if margin is not None and margin < 0
+    ]
+    if not slip:
+        return []
+    text = (
+        f"the belt slips on {', '.join(slip)}: the slip margin, friction times wrap less the "
+        "logarithm of the tensions' ratio, is below 0, so that the torques cannot be transmitted; "
+        "raise the tension, the wrap or the friction"
+    )
+    return [{"code": "belt_slips", "text": text}]
 
 
 def _idle_dampers(drive: Drive) -> Warnings:

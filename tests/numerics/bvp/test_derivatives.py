@@ -123,6 +123,7 @@ def lanes(factors, guess=ZERO, *, b=1.0, x=0.5, along=None):
     return Lanes(*(np.asarray(part) for part in found), slope, float(forward), second)
 
 
+@pytest.mark.slow
 def test_bad_lanes_leave_their_neighbors_alone():
     """Beyond the fold there is no solution; nan and inf are no problems at all."""
     factors = np.array([0.5, 1.0, 4.0, 2.0, np.nan, 3.0, np.inf, 3.5])

@@ -10,7 +10,7 @@ from bodies_cases import LEVER, load, swap
 from drives import flat_numbers, three_ways
 
 import beltjax as bj
-from beltjax.drive.bodies import bodies, loads
+from beltjax.drive.bodies import bodies, outside_forces
 
 # A motor hangs on a rocker to the left of a fan and below its pivot: its weight tightens the belt.
 # The fan is called the driver: its motion is given, and the motor's torque is what it gives.
@@ -163,6 +163,7 @@ def test_a_weight_on_the_take_up_pulls_two_strands(tmp_path, given):
         assert float(jnp.sum(runs.running_tensions) - 2 * flux) == pytest.approx(9000, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_contact_finds_the_same_weight(tmp_path):
     """Each strand's pull on the drum is its tension less the momentum that it brings."""
     drive, point = load(tmp_path, TAKE_UP)
@@ -175,6 +176,67 @@ def test_contact_finds_the_same_weight(tmp_path):
     rocker, given = load(tmp_path, held)
     found, string = bj.contact_state(rocker, given), bj.reference_state(rocker, given)
     np.testing.assert_allclose(found.tensions[:, 1], string.tensions, rtol=1e-4)
+
+
+TWO = """
+[[belt]]
+name = "first"
+axial_stiffness = 2e5
+bending_stiffness = 0.0
+mass_per_length = 0.5
+[[belt]]
+name = "second"
+axial_stiffness = 1e5
+bending_stiffness = 0.0
+mass_per_length = 0.3
+[[pulley]]
+name = "a"
+belt = "first"
+center = [0.0, 0.0]
+radius = 0.2
+face = "grooved"
+[[pulley]]
+name = "b"
+belt = "first"
+center = [2.0, 0.0]
+radius = 0.2
+face = "grooved"
+driver = true
+[[pulley]]
+name = "c"
+belt = "second"
+shaft = "b"
+center = [2.0, 0.0]
+radius = 0.1
+face = "grooved"
+[[pulley]]
+name = "d"
+belt = "second"
+center = [2.0, 1.5]
+radius = 0.1
+face = "grooved"
+[[tensioner]]
+name = "left"
+kind = "linear"
+pulley = "a"
+direction = [-1, 0]
+force = 700.0
+[[tensioner]]
+name = "up"
+kind = "linear"
+pulley = "d"
+direction = [0, 1]
+stiffness = "5 N/mm"
+preload = 260.0
+[operation]
+belt_speed = 0.0
+"""
+
+
+def test_each_belt_has_the_tension_of_its_own_weight_or_spring(tmp_path):
+    rest = bj.reference_state(*load(tmp_path, TWO))
+    np.testing.assert_allclose(rest.tensions, [350, 350, 130, 130], rtol=1e-12)
+    np.testing.assert_allclose(rest.base_tensions, [350, 130], rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -206,7 +268,7 @@ def test_weights_resist_with_the_slope_of_their_moments(tmp_path):
     """On a chain of two bodies, against automatic derivatives of the forces."""
     drive, _ = load(tmp_path, LEVER)
     drive = dataclasses.replace(drive, gravity=np.array([1.3, -9.81]))
-    of, given, at = bodies(drive), loads(drive), jnp.array([0.2, -0.3])
+    of, given, at = bodies(drive), outside_forces(drive), jnp.array([0.2, -0.3])
     slope = jax.jacfwd(lambda q: given.push(of, q))(at)
     np.testing.assert_allclose(given.stiffness(of, at), -slope, rtol=1e-12, atol=1e-12)
     assert np.abs(slope).max() > 0.1
@@ -230,6 +292,7 @@ def test_a_hanging_body_resists_like_a_pendulum(tmp_path):
     assert stiffness[0] - stiffness[1] == pytest.approx(weight * 0.28, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_derivatives_by_weights_and_forces(tmp_path):
     """Forward, reverse and by differences, of tensions and the arm, by every number of the file."""
     text = swap(swap(ROCKER, "1e13", "1e5"), "mass = 30.0", 'mass = 30.0\nforce = "2 N m"')
