@@ -14,8 +14,16 @@ from beltjax.compiling.quick import quickly_compiled
 from ..problem import ProblemScales, Starts, evaluation, limited_rows
 from ..study import Study
 from .registry import AbstractOptimizer, optimizer
-from .results import History, SearchResult, SearchTools, StartOutcome
-from .sl1qp import Bounds, Method, SequentialIterate, first_iterate, next_iterate, slopes_of
+from .results import FEASIBLE, History, SearchResult, SearchTools, StartOutcome
+from .sl1qp import (
+    RESTARTS,
+    Bounds,
+    Method,
+    SequentialIterate,
+    first_iterate,
+    next_iterate,
+    slopes_of,
+)
 
 FEW = 256  # starts up to which compiling quickly beats running quickly
 WIDTH = 64  # starts in a batch
@@ -27,7 +35,11 @@ _RADIUS = 0.25  # of the first step, in the unit box
 
 @optimizer("sqp")
 class SequentialQuadraticProgramming(AbstractOptimizer):
-    """Sequential quadratic programming with exact derivatives, over all starts in batches."""
+    """Sequential quadratic programming with exact first derivatives, over all starts in batches.
+
+    Every few iterations of a batch can be the last ones of a run, or the first. A start that ends
+    where no small change lowers its violation begins once more from the opposite point of the box.
+    """
 
     def search(self, study: Study, begin: Starts, tools: SearchTools) -> SearchResult:
         """Search from all starts."""
@@ -45,7 +57,7 @@ class SequentialQuadraticProgramming(AbstractOptimizer):
             timely = tools.in_time
             if not len(waiting) or not timely:
                 break
-            # A batch that starts no longer fill is filled with ended ones, which stay as they are.
+            # A batch that starts no longer fill has some of them twice.
             lanes = np.resize(waiting, min(WIDTH, study.starts))
             one = jax.tree.map(lambda x, lanes=lanes: jnp.asarray(x[lanes]), states)
             moved, path = jax.device_get(iterate(*problem, one))
@@ -55,6 +67,7 @@ class SequentialQuadraticProgramming(AbstractOptimizer):
             for lane in np.unique(lanes, return_index=True)[1]:
                 known = moved.steps[lane] - one.steps[lane]
                 paths[lanes[lane]].extend(path[: int(known), lane])
+            states = _elsewhere(problem, begin, states)
             if tools.checkpoint is not None:
                 tools.checkpoint.save(paths=padded(paths), **_as_arrays(states))
         return SearchResult(_outcomes(states), _history(paths), timely)
@@ -74,6 +87,19 @@ def _begun(
     leaves, form = jax.tree.flatten(states)
     states = form.unflatten([saved[f"state_{place}"] for place in range(len(leaves))])
     return states, [list(path[np.isfinite(path[:, 0])]) for path in saved["paths"]]
+
+
+def _elsewhere(problem: Problem, begin: Starts, states: SequentialIterate) -> SequentialIterate:
+    """The states, but once from the opposite point of the box where no limits can be met nearby."""
+    stuck = states.stopped & ~states.done & (states.violation > FEASIBLE)
+    stuck = stuck & (states.anew <= RESTARTS)
+    if not np.any(stuck):
+        return states
+    fresh = jax.device_get(quickly_compiled(_first_iterates)(*problem, 1.0 - begin.points))
+    lanes = np.flatnonzero(stuck & fresh.at.valid)
+    states = states._replace(anew=np.where(stuck, RESTARTS + 1, states.anew))
+    fresh = fresh._replace(steps=states.steps, anew=states.anew)
+    return jax.tree.map(lambda old, new: _with_rows(old, lanes, new[lanes]), states, fresh)
 
 
 def _as_arrays(states: SequentialIterate) -> dict[str, np.ndarray]:

@@ -27,7 +27,7 @@ Flag = Bool[Array, ""]
 
 _GROWTH = 4.0  # of the price of violation, where a program leaves some at that price
 _LEAST_PRICE, _LARGEST_PRICE = 1e-6, 1e10
-_ANEW = 3  # times a search that does not get on begins anew
+RESTARTS = 3  # times a search that does not get on begins anew from where it is
 _LEAST_GAIN = 1e-4  # part of the predicted gain with which a step is taken
 _POOR, _GOOD = 0.25, 0.75  # parts of it below and above which the radius changes
 _ROOM = 1e-14  # between bounds that leave none
@@ -152,7 +152,7 @@ def next_iterate(by: Method, s: SequentialIterate) -> SequentialIterate:
 
     price, short = _next_price(by, s, step, is_, length)
     lost = ~done & ~is_.correct & ((radius < 1e-11) | ((length < 1e-13) & ~short))
-    begun = lost & (s.anew < _ANEW)
+    begun = lost & (s.anew < RESTARTS)
     moved = SequentialIterate(
         x=x,
         at=there,

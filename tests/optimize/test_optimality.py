@@ -6,8 +6,12 @@ from nonlinear_problems import HS71_OPTIMUM, HS71_VALUE, hs71, local
 
 import beltjax as bj
 
-SOLVERS = [name for name in bj.optimize.optimizer_names() if name != "augmented-lagrangian"]
 find_optimizer = bj.optimize.find_optimizer
+SOLVERS = [
+    name
+    for name in bj.optimize.optimizer_names()
+    if isinstance(find_optimizer(name), bj.optimize.AbstractLocalOptimizer)
+]
 Problem = bj.optimize.UnitBoxProblem
 conditions, conflicts = bj.optimize.optimality, bj.optimize.conflicts
 
