@@ -27,7 +27,7 @@ BLOCKS = {
     "first_drive": 2,
     "model": 1,
     "moving_beam": 4,
-    "optimizing": 2,
+    "optimizing": 3,
     "reading": 3,
     "robust": 4,
     "several_tensioners": 11,
