@@ -28,7 +28,6 @@ from beltjax.drive.layout import Layout, layout
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.placeholders import harmless, numbers_are_usable
 from beltjax.drive.readable import Readable
-from beltjax.drive.shafts import on_driving_shaft
 from beltjax.drive.system import Drive
 from beltjax.numerics.derivative_rules import differentiated_once
 from beltjax.physics import contact as physics
@@ -478,7 +477,7 @@ def _state(
         unstretched_speed=_each_or_single(loop.V_ref[model.loops.starts] * unit_of_speed),
         mass_flow=_each_or_single(physics.mass_flow(loop, model) * force / unit_of_speed),
         efficiency=physics.efficiency(loop, model),
-        driver_moment=jnp.abs(on_driving_shaft(drive) @ taken),
+        driver_moment=jnp.abs(made.driven.driving @ taken),
         torque_factor=factor,
         coordinates=coordinates,
         installed=installed,

@@ -21,6 +21,7 @@ from beltjax.drive.installation import TensionGiven
 from beltjax.drive.layout import Layout, crossings, layout
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
+from beltjax.numerics.loops import Loops
 
 _MOST_APART = 1e8  # largest length over smallest radius: gaps and wraps keep eight digits
 
@@ -36,7 +37,10 @@ def pulley_pairs(sizes: Sequence[int]) -> np.ndarray:
     """Pairs (i, j), i < j, of pulleys of one belt: the order of `Clearances.rims`."""
     loops = [np.stack(np.triu_indices(size, 1), axis=-1) for size in sizes]
     return np.concatenate(
-        [pairs + start for pairs, start in zip(loops, _starts(sizes), strict=True)]
+        [
+            pairs + start
+            for pairs, start in zip(loops, Loops(tuple(sizes)).starts.tolist(), strict=True)
+        ]
     )
 
 
@@ -44,16 +48,11 @@ def passes(sizes: Sequence[int]) -> np.ndarray:
     """Pairs (span, pulley of its belt that it does not touch): the order of `Clearances.belt`."""
     found = [
         (start + i, start + (i + 2 + k) % size)
-        for size, start in zip(sizes, _starts(sizes), strict=True)
+        for size, start in zip(sizes, Loops(tuple(sizes)).starts.tolist(), strict=True)
         for i in range(size)
         for k in range(size - 2)
     ]
     return np.array(found, int).reshape(-1, 2)
-
-
-def _starts(sizes: Sequence[int]) -> list[int]:
-    """Place of the first pulley of each belt."""
-    return np.cumsum([0, *sizes[:-1]]).tolist()
 
 
 def rim_radii(drive: Drive) -> Float[Array, " pulleys"]:
@@ -245,7 +244,9 @@ def _loops(drive: Drive, at: Layout, gaps: Clearances) -> list[_Loop]:
         np.array([getattr(p, name) for p in drive.pulleys]) for name in ("face", "radius")
     )
     rims_end = belt_end = 0
-    for belt, (size, start) in enumerate(zip(sizes, _starts(sizes), strict=True)):
+    for belt, (size, start) in enumerate(
+        zip(sizes, Loops(tuple(sizes)).starts.tolist(), strict=True)
+    ):
         here = slice(start, start + size)
         rims_start, belt_start = rims_end, belt_end
         rims_end, belt_end = rims_end + size * (size - 1) // 2, belt_end + size * (size - 2)

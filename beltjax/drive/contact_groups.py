@@ -10,7 +10,6 @@ from beltjax.drive.assembly import Assembly
 from beltjax.drive.bodies import Springs
 from beltjax.drive.groups import Scales, ways
 from beltjax.drive.operation import OperatingPoint
-from beltjax.drive.shafts import on_driving_shaft
 from beltjax.numerics.loops import Loops
 from beltjax.numerics.rigid_bodies import Bodies, OutsideForces, Weights
 
@@ -89,7 +88,7 @@ def contact_groups(
         radii=(side * drive.radii)[order] / length,
         friction=jnp.stack([jnp.asarray(value) for value in frictions])[order],
         pulls=(torques / drive.radii)[order] / base,
-        driving=on_driving_shaft(drive)[order],
+        driving=driven.driving[order],
         gives=jax.lax.stop_gradient(driven.gives)[order],
         gearing=jnp.abs(driven.gearing[:, order]),
         loops=made.loops,

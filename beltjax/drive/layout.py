@@ -315,10 +315,5 @@ def _wraps(
     least_turn = loops.spread(loops.crossed(of.faces) - 1) * jnp.pi / 2
     turn = jnp.where(turn < least_turn, turn + 2 * jnp.pi, turn)
     unturned = jnp.abs(loops.spread(loops.sums(of.faces * turn))) < 1.0
-    starts = loops.starts
-    least = jnp.stack(
-        [s + jnp.argmin(turn[s : s + size]) for s, size in zip(starts, loops.sizes, strict=True)]
-    )
-    is_least = jnp.any(jnp.arange(len(turn))[:, None] == least, axis=1)
-    misread = is_least & unturned & (turn < 0) & (of.faces > 0)
+    misread = (loops.at_smallest(turn) > 0) & unturned & (turn < 0) & (of.faces > 0)
     return jnp.where(misread, turn + 2 * jnp.pi, turn)

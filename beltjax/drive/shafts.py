@@ -23,6 +23,7 @@ class Transmission(NamedTuple):
     torques: Float[Array, " pulleys"]  # taken from that belt [N m]
     turning: Float[Array, " pulleys"]  # +1 where the pulley turns counterclockwise, -1 clockwise
     gives: Float[Array, " pulleys"]  # 1 for the pulley that gives its belt what the others take
+    driving: Float[Array, " pulleys"]  # 1 on the shaft of the driver, the driver included
     given: Float[Array, " pulleys"]  # torque that the point gives each pulley itself [N m]
     outside: Bool[Array, " pulleys"]  # whether the speed lies outside of the table of its load
     at_standstill: Bool[Array, " pulleys"]  # whether a load takes power where nothing turns
@@ -76,6 +77,7 @@ def transmission(drive: Drive, point: "OperatingPoint") -> Transmission:
         torques=torques,
         turning=travel * left,
         gives=jnp.asarray(near),
+        driving=jnp.asarray(driving),
         given=given,
         outside=outside & (driving == 0),
         at_standstill=at_standstill & (driving == 0),
@@ -100,12 +102,6 @@ def _on_shaft(drive: Drive) -> Float[np.ndarray, "shafts pulleys"]:
     """1 where the pulley sits on the shaft."""
     places = np.arange(len(drive.pulleys))
     return np.array([np.isin(places, shaft) for shaft in drive.shafts], float)
-
-
-def on_driving_shaft(drive: Drive) -> Float[Array, " pulleys"]:
-    """1 for the pulleys on the shaft of the driver, itself included."""
-    on_shaft = _on_shaft(drive)
-    return jnp.asarray(on_shaft.T @ (on_shaft @ drive.drives))
 
 
 class Rotors(NamedTuple):

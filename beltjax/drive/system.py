@@ -246,9 +246,8 @@ class Drive(Readable):
     @property
     def span_names(self) -> tuple[str, ...]:
         """Names 'a-b' of the spans: span i runs from pulley i to the next of its belt."""
-        names, sizes = self.pulley_names, self.loop_sizes
-        starts = np.cumsum([0, *sizes[:-1]])
-        loops = (names[s : s + size] for s, size in zip(starts, sizes, strict=True))
+        names, of = self.pulley_names, self.loops
+        loops = (names[s : s + size] for s, size in zip(of.starts, of.sizes, strict=True))
         return tuple(name for loop in loops for name in span_names(loop))
 
     def pulley(self, name: str) -> int:

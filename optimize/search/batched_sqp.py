@@ -14,7 +14,7 @@ from beltjax.compiling.quick import quickly_compiled
 from ..problem import ProblemScales, Starts, evaluation, limited_rows
 from ..study import Study
 from .registry import AbstractOptimizer, optimizer
-from .results import FEASIBLE, History, SearchResult, SearchTools, StartOutcome
+from .results import FEASIBLE, SearchResult, SearchTools, StartOutcome, history_of, padded
 from .sl1qp import (
     RESTARTS,
     Bounds,
@@ -70,7 +70,7 @@ class SequentialQuadraticProgramming(AbstractOptimizer):
             states = _elsewhere(problem, begin, states)
             if tools.checkpoint is not None:
                 tools.checkpoint.save(paths=padded(paths), **_as_arrays(states))
-        return SearchResult(_outcomes(states), _history(paths), timely)
+        return SearchResult(_outcomes(states), history_of(paths), timely)
 
 
 Problem = tuple[Study, ProblemScales, Array]
@@ -150,16 +150,3 @@ def _outcomes(states: SequentialIterate) -> list[StartOutcome]:
     f = np.where(states.steps > 0, states.at.f, np.where(states.at.valid, np.nan, np.inf))
     columns = states.x, f, states.violation, states.at.valid, states.done
     return [StartOutcome(*one) for one in zip(*columns, strict=True)]
-
-
-def _history(paths: list[list[np.ndarray]]) -> History:
-    stacked = padded(paths)
-    return History(stacked[..., 0].T, stacked[..., 1].T)
-
-
-def padded(paths: list[list[np.ndarray]]) -> np.ndarray:
-    """Paths of unequal length as one array [starts, iterations, 2], nan after each one's end."""
-    out = np.full((len(paths), max(map(len, paths), default=0), 2), np.nan)
-    for row, path in zip(out, paths, strict=True):
-        row[: len(path)] = np.reshape(path, (-1, 2))
-    return out

@@ -9,7 +9,7 @@ from ..optimality import SETTLED, LocalModel, ModelAt, optimality
 from ..problem import Starts
 from ..study import Study
 from .registry import AbstractOptimizer
-from .results import History, SearchResult, SearchTools, StartOutcome, is_before
+from .results import SearchResult, SearchTools, StartOutcome, history_of, is_before, padded
 
 Vector = np.ndarray
 _LOST = 1e3  # objective and violation of a design that cannot be evaluated
@@ -106,11 +106,10 @@ class AbstractLocalOptimizer(AbstractOptimizer):
             paths.append(path)
             if tools.checkpoint is not None:
                 columns = dict(zip(StartOutcome._fields, zip(*outcomes, strict=True), strict=True))
-                tools.checkpoint.save(**columns, paths=_padded(paths))
+                tools.checkpoint.save(**columns, paths=padded(paths))
             converged = sum(one.converged for one in outcomes)
             tools.advance(f"{converged} converged", len(outcomes), len(begin.points))
-        stacked = _padded(paths)
-        return SearchResult(outcomes, History(stacked[..., 0].T, stacked[..., 1].T), timely)
+        return SearchResult(outcomes, history_of(paths), timely)
 
     def _outcome(self, tools: SearchTools, x: Vector) -> tuple[StartOutcome, np.ndarray]:
         """One start's outcome, judged where it ended, and its path [iterations, 2]."""
@@ -128,11 +127,3 @@ class AbstractLocalOptimizer(AbstractOptimizer):
         shown = optimality(at, tools.model_at, second=False)
         converged = ending.converged or shown.residual <= SETTLED
         return StartOutcome(ending.x, at.f, shown.violation, True, converged), path
-
-
-def _padded(paths: list[np.ndarray]) -> np.ndarray:
-    """Paths of unequal length as one array [starts, iterations, 2], nan after each one's end."""
-    out = np.full((len(paths), max(map(len, paths), default=0), 2), np.nan)
-    for row, path in zip(out, paths, strict=True):
-        row[: len(path)] = path
-    return out

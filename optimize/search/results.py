@@ -2,7 +2,7 @@
 
 import functools
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import jax
@@ -24,6 +24,20 @@ class History(NamedTuple):
 
     objective: np.ndarray  # [iterations, starts], as the optimizer sees it
     violation: np.ndarray  # [iterations, starts], scaled
+
+
+def padded(paths: Sequence[np.ndarray | Sequence[np.ndarray]]) -> np.ndarray:
+    """Paths of unequal length as one array [starts, iterations, 2], nan after each one's end."""
+    out = np.full((len(paths), max(map(len, paths), default=0), 2), np.nan)
+    for row, path in zip(out, paths, strict=True):
+        row[: len(path)] = np.reshape(path, (-1, 2))
+    return out
+
+
+def history_of(paths: Sequence[np.ndarray | Sequence[np.ndarray]]) -> History:
+    """The history of starts whose iterations each gave objective and violation."""
+    stacked = padded(paths)
+    return History(stacked[..., 0].T, stacked[..., 1].T)
 
 
 class StartOutcome(NamedTuple):

@@ -132,7 +132,7 @@ def layout_document(
     driven = jax.device_get(transmission(drive, point))
     speeds = np.asarray(driven.turning * driven.speeds / drive.radii)
     ratios = speeds / speeds[int(np.argmax(drive.drives))]
-    starts = np.cumsum([0, *drive.loop_sizes[:-1]])
+    starts = drive.loops.starts
     columns = zip(
         drive.pulley_names,
         plain(drive.radii),
