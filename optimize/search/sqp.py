@@ -35,7 +35,7 @@ class Minimum(NamedTuple):
     stationarity: Scalar  # largest component of the Lagrangian's gradient that no bound holds
     violation: Scalar  # the largest
     complementarity: Scalar  # largest multiplier times distance from its limit
-    steps: Int[Array, ""]
+    steps: Int[Array, ""]  # evaluations, of which the first is that of the start
     converged: Bool[Array, ""]
 
 
@@ -90,6 +90,7 @@ def sqp(
 
     curvature = curvature_of(evaluate) if second_derivatives else None
     equal = len(_rows(equalities, start))
+    rows = len(_rows(constraints, start)) + 2 * equal
     x = jnp.clip(flat, *inside)
     sizes = jnp.maximum(jnp.abs(x), 1.0)
     by = Method(slopes_of(evaluate), inside, radius, tol, curvature, sizes, equal)
@@ -97,7 +98,7 @@ def sqp(
     def unfinished(s: SequentialIterate) -> Bool[Array, ""]:
         return ~s.stopped & (s.steps < max_steps)
 
-    begin = in_lanes_of(x, first_iterate(by, x))
+    begin = in_lanes_of(x, first_iterate(x, rows, radius))
     end = jax.lax.while_loop(unfinished, lambda s: next_iterate(by, s), begin)
     at_most = len(end.multipliers) - 2 * equal
     up, down = end.multipliers[at_most : at_most + equal], end.multipliers[at_most + equal :]
