@@ -6,6 +6,7 @@ the back of the belt. They print belt lengths along the effective line or along 
 and of toothed belts and their pulleys the numbers of teeth.
 """
 
+import json
 import math
 from collections.abc import Iterator
 from typing import Any
@@ -39,7 +40,7 @@ def in_terms_of_the_drive(content: dict[str, Any], path: object) -> dict[str, An
     if isinstance(content.get("pulley"), list):
         plain["pulley"] = [_pulley(table, belts, path) for table in content["pulley"]]
     rule = content.get("installation")
-    if isinstance(rule, dict) and isinstance(rule.get("belt_length"), dict):
+    if isinstance(rule, dict) and "belt_length" in rule:
         plain["installation"] = rule | {"belt_length": _lengths(rule["belt_length"], belts, path)}
     if isinstance(content.get("belt"), list):
         plain["belt"] = [_belt(table, path) for table in content["belt"]]
@@ -73,6 +74,8 @@ def _belt(table: Any, path: object) -> Any:
 def _standard_lengths(given: Any, belt: dict[str, Any], key: str, path: object) -> list[float]:
     """Lengths along the neutral axis, of a list or of one under `effective`, `pitch` or `teeth`."""
     kind, values = "pitch", given
+    if isinstance(given, list):
+        _require_one_meaning(given, belt, key, path)
     if isinstance(given, dict) and len(given) == 1 and next(iter(given)) in _LENGTHS:
         kind, values = next(iter(given.items()))
         key = f"{key}.{kind}"
@@ -148,27 +151,43 @@ def _in_groove(table: dict[str, Any], name: str, path: object) -> dict[str, Any]
     return _without(table, ("groove_angle",)) | {"friction": flank / math.sin(angle / 2)}
 
 
-def _lengths(
-    given: dict[str, Any], belts: dict[Any, dict[str, Any]], path: object
-) -> float | dict[str, Any]:
-    """Belt lengths along the neutral axis."""
-    if len(given) == 1 and next(iter(given)) in _LENGTHS:
-        return _neutral_length(given, next(iter(belts.values()), {}), "", path)
+def _lengths(given: Any, belts: dict[Any, dict[str, Any]], path: object) -> Any:
+    """Belt lengths along the neutral axis: of the only belt, or by the names of several."""
+    key, only = "installation.belt_length", next(iter(belts.values()), {})
+    if not isinstance(given, dict) or (len(given) == 1 and next(iter(given)) in _LENGTHS):
+        return _neutral_length(given, only, key, path)
     return {
-        name: _neutral_length(length, belts.get(name, {}), f".{name}", path)
-        if isinstance(length, dict)
-        else length
+        name: _neutral_length(length, belts.get(name, {}), f"{key}.{name}", path)
         for name, length in given.items()
     }
 
 
-def _neutral_length(given: dict[str, Any], belt: dict[str, Any], label: str, path: object) -> float:
-    key = f"installation.belt_length{label}"
+def _neutral_length(given: Any, belt: dict[str, Any], key: str, path: object) -> Any:
+    """A belt's length along the neutral axis; what is no table must be that already."""
+    if not isinstance(given, dict):
+        _require_one_meaning(given, belt, key, path)
+        return given
     if len(given) != 1 or next(iter(given)) not in _LENGTHS:
         message = f"found {shown(given)}; give {{ effective = .. }}, {{ pitch = .. }}"
         raise FileError(path, key, f"{message} or {{ teeth = .. }}")
     kind, value = next(iter(given.items()))
     return _along_neutral_axis(kind, value, belt, f"{key}.{kind}", path)
+
+
+def _require_one_meaning(given: Any, belt: dict[str, Any], key: str, path: object) -> None:
+    """Raise `FileError` for lengths that may be along the neutral axis or the effective line.
+
+    Makers print effective lengths of the belts that have an effective line.
+    """
+    if OFFSETS[0] not in belt or not _of_belt(belt, OFFSETS[0], path):
+        return
+    value = "[..]" if isinstance(given, list) else json.dumps(given, default=str)
+    message = (
+        f"found {shown(given)}, along the effective line or along the neutral axis "
+        f"({_label(belt)}.{OFFSETS[0]} is between them)? Give {{ effective = {value} }}, as makers "
+        f"print it, or {{ pitch = {value} }}"
+    )
+    raise FileError(path, key, message)
 
 
 def _along_neutral_axis(
