@@ -196,6 +196,13 @@ def test_files_of_windows_are_read(tmp_path):
         ("center = [0.0, 0.0]", "x = 0.0\ny = 0.0", r"x: .*; give center = \[x, y\]"),
         ("belt_speed = 20.0", "rpm = 700", r'rpm: .*; give driver_speed = "\.\.\. rpm"'),
         ('name = "accessory"', 'name = "acc\\u202eessory"', "a name prints"),
+        ("center = [0.0, 0.0]", 'center = "[0, 0]"', r"center: found '\[0, 0\]'; write it without quotes$"),
+        ("radius = 0.0889", 'radius = "[0.0889]"', r"radius: found .*; a list stands without quotes: \[0\.0889\]$"),
+        ("driver = true", 'driver = "true"', r"driver: found 'true'; write it without quotes$"),
+        ("belt_speed = 20.0", 'belt_speed = 20.0\nload = "{ accessory = 0 }"', r"load: found '{ accessory = 0 }'; write it without quotes$"),
+        ("bending_stiffness", "bending_stifness", r"belt\.bending_stifness: is not a known key; did you mean 'bending_stiffness'\?$"),
+        ("[belt]", "[belt]\nfoo = 1\nthickness = -1", r"belt\.foo: .*; remove it \(and 1 more problem: belt\.thickness: found -1; must not be less than 0\)$"),
+        ("[belt]", "[belt]\na = 1\nbb = 1\ncc = 1", r"belt\.a: .* \(and 2 more problems: belt\.bb, belt\.cc\)$"),
     ],
 )  # fmt: skip
 def test_key_or_name_that_is_refused_is_led_on(old, new, says, tmp_path):
