@@ -25,7 +25,7 @@ DIAMETERS = {
 }
 OFFSETS = ("pitch_offset", "back_offset")
 _FACES = {"effective_diameter": "grooved", "smooth_diameter": "back"}
-_LENGTHS = ("effective", "pitch", "teeth")
+LENGTHS = ("effective", "pitch", "teeth")
 
 
 def in_terms_of_the_drive(content: dict[str, Any], path: object) -> dict[str, Any]:
@@ -58,6 +58,37 @@ def pitch_offsets(content: dict[str, Any], path: object) -> dict[str, float]:
     }
 
 
+def effective_excess(content: dict[str, Any], path: object) -> dict[str, float]:
+    """How much longer [m] along the neutral axis belts are than the file says, by the keys.
+
+    They are those whose lengths it gives along the effective line: `belt_length_key` and
+    `standard_lengths_key`.
+    """
+    tables = {table.get("name", "belt"): table for table in _tables(content.get("belt"))}
+    rule, single = content.get("installation", {}), len(tables) == 1
+    lengths = rule.get("belt_length") if isinstance(rule, dict) else None
+    found: dict[str, float] = {}
+    for name, offset in pitch_offsets(content, path).items():
+        named = lengths if isinstance(lengths, dict) else {}
+        given = {
+            belt_length_key(name, single): named.get(name, named),
+            standard_lengths_key(name, single): tables[name].get("standard_lengths"),
+        }
+        effective = [k for k, v in given.items() if isinstance(v, dict) and "effective" in v]
+        found |= dict.fromkeys(effective, 2 * math.pi * offset)
+    return found
+
+
+def belt_length_key(belt: str, single: bool) -> str:
+    """The key of the length of a belt, or of the only one."""
+    return "installation.belt_length" + ("" if single else f".{belt}")
+
+
+def standard_lengths_key(belt: str, single: bool) -> str:
+    """The key of the lengths on sale of a belt, or of the only one."""
+    return "belt.standard_lengths" if single else f"belt.{belt}.standard_lengths"
+
+
 def _belt(table: Any, path: object) -> Any:
     """The table of a belt with its pitch and its standard lengths in meters."""
     if not isinstance(table, dict):
@@ -76,7 +107,7 @@ def _standard_lengths(given: Any, belt: dict[str, Any], key: str, path: object) 
     kind, values = "pitch", given
     if isinstance(given, list):
         _require_one_meaning(given, belt, key, path)
-    if isinstance(given, dict) and len(given) == 1 and next(iter(given)) in _LENGTHS:
+    if isinstance(given, dict) and len(given) == 1 and next(iter(given)) in LENGTHS:
         kind, values = next(iter(given.items()))
         key = f"{key}.{kind}"
     if not isinstance(values, list):
@@ -154,7 +185,7 @@ def _in_groove(table: dict[str, Any], name: str, path: object) -> dict[str, Any]
 def _lengths(given: Any, belts: dict[Any, dict[str, Any]], path: object) -> Any:
     """Belt lengths along the neutral axis: of the only belt, or by the names of several."""
     key, only = "installation.belt_length", next(iter(belts.values()), {})
-    if not isinstance(given, dict) or (len(given) == 1 and next(iter(given)) in _LENGTHS):
+    if not isinstance(given, dict) or (len(given) == 1 and next(iter(given)) in LENGTHS):
         return _neutral_length(given, only, key, path)
     return {
         name: _neutral_length(length, belts.get(name, {}), f"{key}.{name}", path)
@@ -167,7 +198,7 @@ def _neutral_length(given: Any, belt: dict[str, Any], key: str, path: object) ->
     if not isinstance(given, dict):
         _require_one_meaning(given, belt, key, path)
         return given
-    if len(given) != 1 or next(iter(given)) not in _LENGTHS:
+    if len(given) != 1 or next(iter(given)) not in LENGTHS:
         message = f"found {shown(given)}; give {{ effective = .. }}, {{ pitch = .. }}"
         raise FileError(path, key, f"{message} or {{ teeth = .. }}")
     kind, value = next(iter(given.items()))

@@ -1,9 +1,10 @@
-"""The units in which a drive file gives its numbers."""
+"""The units in which a drive file gives its numbers, and from where it counts them."""
 
 from collections.abc import Iterator
 from typing import Any
 
-from beltjax.drive.file_makers_data import DIAMETERS
+from beltjax.drive.file_makers_data import DIAMETERS, LENGTHS, effective_excess
+from beltjax.drive.file_origin import OF_TENSIONERS, Origin
 from beltjax.drive.numbers import full_key, known_keys
 from beltjax.drive.system import Drive
 from beltjax.drive.units_of_file import UnitsOfFile
@@ -11,17 +12,34 @@ from beltjax.files.units import unit_written
 
 # Tables of a list that go by the names of the drive's parts, which are in the same order.
 _LISTED = {"belt": "belts", "isolator": "isolators", "damper": "dampers"}
+_AXES = ".x", ".y"
 
 
-def units_used(content: dict[str, Any], drive: Drive) -> UnitsOfFile:
-    """The units that are written in a file, by the keys of the drive's numbers."""
+def units_used(content: dict[str, Any], drive: Drive, origin: Origin, path: object) -> UnitsOfFile:
+    """The units that are written in a file, by the keys of the drive's numbers.
+
+    `origin` is the point of the file's coordinates from which those of the drive are counted.
+    """
     known, found = known_keys(drive), {}
     for words, unit in _units(content, (), drive):
         for key in _keys(words, content):
             full = full_key(drive, key)
             if full in known:
                 found[full] = unit
-    return UnitsOfFile(found)
+    moved = zip(_AXES, origin, strict=True)
+    shifts = {
+        key: shift for end, shift in moved if shift for key in known if _is_coordinate(key, end)
+    }
+    shifts |= {key: -excess for key, excess in effective_excess(content, path).items()}
+    return UnitsOfFile(found, shifts)
+
+
+def _is_coordinate(key: str, end: str) -> bool:
+    """Whether a key is that of one coordinate of a point of the drawing."""
+    point = key.removesuffix(end).rpartition(".")[2]
+    table = key.partition(".")[0]
+    points = {"pulley": ("center",), "tensioner": OF_TENSIONERS}
+    return key.endswith(end) and point in points.get(table, ())
 
 
 def _units(value: Any, words: tuple[str, ...], drive: Drive) -> Iterator[tuple[Any, str]]:
@@ -52,6 +70,10 @@ def _keys(words: tuple[str, ...], content: dict[str, Any]) -> list[str]:
         return [".".join(words[:4])]  # a list has the unit of its items
     if words[0] == "pulley" and words[-1] in DIAMETERS:
         words = (*words[:-1], "radius")
+    if words[0] == "tensioner" and words[-1] == "preload":
+        words = (*words[:-1], "force")
+    if words[:2] == ("installation", "belt_length") and words[-1] in LENGTHS:
+        words = words[:-1]
     if words[-1] in ("0", "1"):
         words = (*words[:-1], "xy"[int(words[-1])])
     return [".".join(words)]

@@ -303,6 +303,11 @@ def unit_of(drive: Drive, name: str) -> str:
     return fact.unit_for(kind)
 
 
+def shift_of(drive: Drive, name: str) -> float:
+    """What a number is more in the drive's file than in the drive [m], as `UnitsOfFile` says."""
+    return drive.units.shifts.get(full_key(drive, name), 0.0)
+
+
 def known_keys(drive: Drive) -> set[str]:
     """Keys of all numbers that may be set."""
     torques = [TORQUE + name for name in drive.pulley_names]

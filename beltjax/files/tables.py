@@ -32,13 +32,9 @@ _FOREIGN_KEYS = {
     "youngs_modulus": "give axial_stiffness: modulus times cross section",
 }
 
+_OF_TABLES = "model_type", "dict_type"
 # Kinds of errors where something in quotes may be what is wanted.
-_WITHOUT_QUOTES = {
-    "list_type": list,
-    "model_type": dict,
-    "dict_type": dict,
-    "bool_type": bool,
-}
+_WITHOUT_QUOTES = {"list_type": list, "bool_type": bool} | dict.fromkeys(_OF_TABLES, dict)
 _MOST_KEYS = 4  # named beside the first that is wrong
 
 
@@ -249,15 +245,18 @@ def _message(error: Any, table: type[Table]) -> str:
     if kind in ("too_long", "too_short"):
         wanted = error["ctx"].get("max_length", error["ctx"].get("min_length"))
         return f"found {len(found)} items; give {wanted}"
-    if kind in _WITHOUT_QUOTES and is_quoted(found, _WITHOUT_QUOTES[kind]):
-        return f"found {shown(found)}; write it without quotes"
-    if kind in ("model_type", "dict_type"):
-        return f"found {shown(found)}; give a table"
+    return _of_another_type(error)
+
+
+def _of_another_type(error: Any) -> str:
+    """What to do about a value of another type than its key takes."""
+    kind, found = error["type"], error["input"]
     if kind == "list_type" and isinstance(found, dict):
         return f"found one table; write its heading in double brackets: [[{error['loc'][-1]}]]"
-    if kind == "list_type":
-        return f"found {shown(found)}; give a list, as in [a, b]"
-    text = error["msg"].removeprefix("Input should be ")
+    if kind in _WITHOUT_QUOTES and is_quoted(found, _WITHOUT_QUOTES[kind]):
+        return f"found {shown(found)}; write it without quotes"
+    wanted = {"list_type": "a list, as in [a, b]"} | dict.fromkeys(_OF_TABLES, "a table")
+    text = wanted.get(kind, error["msg"].removeprefix("Input should be "))
     return f"found {shown(found)}; give {text}"
 
 

@@ -9,6 +9,7 @@ from bodies_cases import load, swap
 from drives import EXAMPLES
 
 import beltjax as bj
+from beltjax.commands.reports.units import TableUnits
 from beltjax.drive.files import drive_content
 
 THREE = (EXAMPLES / "three_pulley.toml").read_text()
@@ -97,6 +98,20 @@ def test_what_does_not_fit_is_one_line(tmp_path, old, new, says):
     with pytest.raises(bj.FileError) as error:
         load(tmp_path, swap(RIBBED, old, new))
     assert re.search(says, str(error.value))
+
+
+def test_a_study_bounds_the_length_that_the_file_gives(tmp_path):
+    load(tmp_path, RIBBED)
+    (tmp_path / "study.toml").write_text(
+        'drive = "drive.toml"\n[objective]\nminimize = "path_length"\n[[variable]]\n'
+        'name = "installation.belt_length"\nlower = "1330 mm"\nupper = "1345 mm"\n'
+    )
+    study = bj.optimize.load_study(tmp_path / "study.toml")
+    excess = 2 * math.pi * 0.0015
+    np.testing.assert_allclose(study.variables.lower, [1.330 + excess], rtol=1e-14)
+    length = float(study.drive.installation.belt_length)
+    shown = TableUnits(study.drive).of_number("installation.belt_length", length)
+    assert shown == ("1337.3", "mm")
 
 
 def test_a_length_has_one_meaning_where_both_lines_are_one(tmp_path):

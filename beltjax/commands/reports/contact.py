@@ -36,7 +36,7 @@ from beltjax.compiling.kept_programs import run_kept
 from beltjax.compiling.quick import quickly_compiled
 from beltjax.drive.bodies import single_arm
 from beltjax.drive.canonical import canonical
-from beltjax.drive.installation import BeltGiven
+from beltjax.drive.installation import BELT_LENGTH, BeltGiven
 from beltjax.drive.layout import layout
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
@@ -315,10 +315,14 @@ def _belt_table(document: dict[str, Any], units: TableUnits) -> Table:
         ("unstretched_speed", "speed", "m/s", 3),
         ("mass_flow", "mass flow", "kg/s", 4),
     ]
-    heads = (units.head(label, unit) for _, label, unit, _ in columns)
+    kinds = {"m": BELT_LENGTH}
+    heads = (units.head(label, unit, kinds.get(unit, "")) for _, label, unit, _ in columns)
     table = plain_table("", "belt", *heads)
     for row in document["belts"]:
-        cells = (units.text(row[key], unit, digits) for key, _, unit, digits in columns)
+        cells = (
+            units.text(row[key], unit, digits, kinds.get(unit, ""))
+            for key, _, unit, digits in columns
+        )
         table.add_row(escape(row["name"]), *cells)
     return table
 
@@ -337,7 +341,8 @@ def _summary(document: dict[str, Any], units: TableUnits) -> Table:
             ("mass flow", document["mass_flow"], 4, "kg/s"),
         ]
     for label, value, digits, unit in rows:
-        table.add_row(label, units.text(value, unit, digits), units.name(unit))
+        kind = BELT_LENGTH if unit == "m" else ""
+        table.add_row(label, units.text(value, unit, digits, kind), units.name(unit, kind))
     return table
 
 
