@@ -1,6 +1,7 @@
 """Diagnoses of failed analyses, which name the key of the drive file and what to do."""
 
 import dataclasses
+import math
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -14,6 +15,7 @@ from beltjax.compiling.quick import quickly_compiled
 from beltjax.drive.buildable import drawn_arm_angle, layout_fault
 from beltjax.drive.canonical import canonical
 from beltjax.drive.components import KINDS
+from beltjax.drive.file_makers_data import belt_length_key
 from beltjax.drive.installation import (
     AdjustedToMark,
     AdjustedToTension,
@@ -23,6 +25,7 @@ from beltjax.drive.installation import (
 from beltjax.drive.layout import layout
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
+from beltjax.files.units import in_unit
 from beltjax.results import RESULTS, explanation, succeeded
 
 _ROOM = 0.01  # of the path, by which a belt that resists bending may be longer and yet tight
@@ -156,10 +159,16 @@ def _belt_diagnosis(drive: Drive, rule: BeltGiven) -> Diagnosis:
     size = float(jnp.mean(layout(drive, throw=False).span_lengths))
     reach = np.array([_SWEEP if float(b.kind) else _SWEEP * size / 4 for b in drive.tensioners])
     turns = jnp.linspace(-1.0, 1.0, 41)[:, None] * reach if len(reach) else jnp.zeros((1, 0))
-    paths = jax.vmap(lambda turn: layout(drive, turn, throw=False).path_length)(turns)
-    shortest, longest = float(jnp.min(paths)), float(jnp.max(paths))
-    found = float(rule.belt_length)
-    length, *path = _distinct_texts(found, shortest, *([longest] if len(turns) > 1 else []))
+    paths = jax.vmap(lambda turn: layout(drive, turn, throw=False).path_lengths)(turns)
+    ends = np.stack([jnp.min(paths, axis=0), jnp.max(paths, axis=0)], axis=1)
+    lengths = np.broadcast_to(np.asarray(rule.belt_length), (len(drive.belts),))
+    # The belt that is farthest from its path's range, or nearest to its end. A short one stretches.
+    short, long = 1 - lengths * (1 + LARGEST_STRAIN) / ends[:, 0], lengths / ends[:, 1] - 1
+    belt = int(np.argmax(np.maximum(short, long)))
+    found, (shortest, longest) = float(lengths[belt]), ends[belt].tolist()
+    key = belt_length_key(drive.belts[belt].name, len(drive.belts) == 1)
+    reached = [shortest, longest] if len(turns) > 1 else [shortest]
+    (length, *path), along = _as_the_file_counts(drive, key, found, *reached)
     too = (
         "too short"
         if found < shortest
@@ -170,15 +179,28 @@ def _belt_diagnosis(drive: Drive, rule: BeltGiven) -> Diagnosis:
     remedy = "change belt_length"
     if len(turns) > 1:
         remedy += " or what its springs have (free_angle, free or preload)" + _stops_off(drive)
-    stiff = float(drive.belt.bending_stiffness) > 0
+    stiff = float(drive.belts[belt].bending_stiffness) > 0
     if stiff and longest < found < (1 + _ROOM) * longest:
         remedy += "; that is for a string: `beltjax contact` finds whether a stiff belt is tight"
-    return Diagnosis(
-        "installation.belt_length",
-        f"found {length} m, {too}: the path takes {' to '.join(path)} m along the neutral axis; "
-        f"{remedy}",
-        True,
-    )
+    message = f"found {length}, {too}: the path takes {' to '.join(path)} along the {along}"
+    return Diagnosis(key, f"{message}; {remedy}", True)
+
+
+def _as_the_file_counts(drive: Drive, key: str, *lengths: float) -> tuple[list[str], str]:
+    """Lengths of a belt [m] in the file's unit and along its line, and the name of that line.
+
+    They have so many decimals, a tenth of a millimeter at least, that none looks like another.
+    """
+    shift, unit = drive.units.shifts.get(key, 0.0), drive.units.get(key, "m")
+    shown = [in_unit(length + shift, "m", unit) for length in lengths]
+    least = max(4 - round(math.log10(in_unit(1.0, "m", unit))), 0)
+    texts: list[str] = []
+    for decimals in range(least, least + 12):
+        texts = [f"{length:.{decimals}f}" for length in shown]
+        if len(set(texts)) == len(set(shown)):
+            break
+    line = "effective line" if shift else "neutral axis"
+    return [f"{text} {unit}" for text in texts], line
 
 
 def _stops_off(drive: Drive) -> str:
@@ -218,23 +240,16 @@ def _adjusted_diagnosis(drive: Drive, rule: AdjustedToTension | AdjustedToMark) 
     if not paths.size or paths.min() / (1 + strain) <= length <= paths.max():
         return None
     too = "too long" if length > paths.max() else "too short"
-    given, *reached = _distinct_texts(length, float(paths.min()), float(paths.max()))
+    key = "installation.belt_length"
+    ends = float(paths.min()), float(paths.max())
+    (given, *reached), along = _as_the_file_counts(drive, key, length, *ends)
     return Diagnosis(
-        "installation.belt_length",
-        f"found {given} m, {too}: with {body.name} in the places that it reaches the path takes "
-        f"{' to '.join(reached)} m; change belt_length, or give {body.name} more reach",
+        key,
+        f"found {given}, {too}: with {body.name} in the places that it reaches the path takes "
+        f"{' to '.join(reached)} along the {along}; change belt_length, or give {body.name} more "
+        "reach",
         True,
     )
-
-
-def _distinct_texts(*lengths: float) -> list[str]:
-    """Lengths [m] with so many decimals, four at least, that none looks like another."""
-    texts: list[str] = []
-    for decimals in range(4, 16):
-        texts = [f"{length:.{decimals}f}" for length in lengths]
-        if len(set(texts)) == len(set(lengths)):
-            break
-    return texts
 
 
 def _strain_diagnosis(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagnosis:
