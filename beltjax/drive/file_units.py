@@ -5,6 +5,7 @@ from typing import Any
 
 from beltjax.drive.file_makers_data import DIAMETERS, LENGTHS, effective_excess
 from beltjax.drive.file_origin import OF_TENSIONERS, Origin
+from beltjax.drive.file_plausibility import as_number, doubts
 from beltjax.drive.numbers import full_key, known_keys
 from beltjax.drive.system import Drive
 from beltjax.drive.units_of_file import UnitsOfFile
@@ -21,17 +22,20 @@ def units_used(content: dict[str, Any], drive: Drive, origin: Origin, path: obje
     `origin` is the point of the file's coordinates from which those of the drive are counted.
     """
     known, found = known_keys(drive), {}
-    for words, unit in _units(content, (), drive):
-        for key in _keys(words, content):
-            full = full_key(drive, key)
-            if full in known:
-                found[full] = unit
+    bare: list[tuple[tuple[str, ...], str | None, float]] = []
+    for words, value in _leaves(content, (), drive):
+        full = [full_key(drive, key) for key in _keys(words, content)]
+        keys, number = [key for key in full if key in known], as_number(value)
+        if number is not None:
+            bare.append((words, next(iter(keys), None), number))
+        elif unit_written(value):
+            found |= dict.fromkeys(keys, unit_written(value))
     moved = zip(_AXES, origin, strict=True)
     shifts = {
         key: shift for end, shift in moved if shift for key in known if _is_coordinate(key, end)
     }
     shifts |= {key: -excess for key, excess in effective_excess(content, path).items()}
-    return UnitsOfFile(found, shifts)
+    return UnitsOfFile(found, shifts, doubts(bare, drive))
 
 
 def _is_coordinate(key: str, end: str) -> bool:
@@ -42,20 +46,22 @@ def _is_coordinate(key: str, end: str) -> bool:
     return key.endswith(end) and point in points.get(table, ())
 
 
-def _units(value: Any, words: tuple[str, ...], drive: Drive) -> Iterator[tuple[Any, str]]:
-    """Words of the key of each number with a unit, and the unit; listed tables go by names."""
+def _leaves(
+    value: Any, words: tuple[str, ...], drive: Drive
+) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Words of the key of each single value, and the value; listed tables go by names."""
     if isinstance(value, dict):
         for key, item in value.items():
-            yield from _units(item, (*words, key), drive)
+            yield from _leaves(item, (*words, key), drive)
     elif isinstance(value, list):
         for place, item in enumerate(value):
             label = str(place)
             if isinstance(item, dict):
                 parts = getattr(drive, _LISTED.get(words[0], ""), ())
                 label = parts[place].name if parts else item.get("name", "tensioner")
-            yield from _units(item, (*words, label), drive)
-    elif unit_written(value):
-        yield words, unit_written(value)
+            yield from _leaves(item, (*words, label), drive)
+    else:
+        yield words, value
 
 
 def _keys(words: tuple[str, ...], content: dict[str, Any]) -> list[str]:

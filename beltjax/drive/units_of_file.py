@@ -8,7 +8,7 @@ class UnitsOfFile(Mapping[str, str]):
 
     A file may count a length from elsewhere than the drive does: coordinates from the origin of a
     site, the length of a belt along its effective line. `shifts` are the file's numbers less the
-    drive's [m], by keys.
+    drive's [m], by keys. `doubts` ask in words whether bare numbers are meant in SI.
 
     All instances are equal, so that units never distinguish compiled programs or the structures of
     drives: the unit in which a number is shown is not part of its value. A program that returns a
@@ -19,8 +19,9 @@ class UnitsOfFile(Mapping[str, str]):
         self,
         units: Mapping[str, str] | None = None,
         shifts: Mapping[str, float] | None = None,
+        doubts: tuple[str, ...] = (),
     ):
-        self._units, self.shifts = dict(units or {}), dict(shifts or {})
+        self._units, self.shifts, self.doubts = dict(units or {}), dict(shifts or {}), doubts
 
     def __getitem__(self, key: str) -> str:
         return self._units[key]

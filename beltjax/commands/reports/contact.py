@@ -31,7 +31,7 @@ from beltjax.commands.reports.report import Report
 from beltjax.commands.reports.states import STOPS
 from beltjax.commands.reports.tables import plain_table
 from beltjax.commands.reports.units import TableUnits
-from beltjax.commands.reports.warnings import load_warnings, warning_lines
+from beltjax.commands.reports.warnings import file_warnings, load_warnings, warning_lines
 from beltjax.compiling.kept_programs import run_kept
 from beltjax.compiling.quick import quickly_compiled
 from beltjax.drive.bodies import single_arm
@@ -148,7 +148,8 @@ def contact_report(
     why = diagnose_contact(drive, point, state)
     if why and why.impossible:
         raise FileError(path, why.key, why.message)
-    document = contact_document(drive, state) | {"warnings": load_warnings((drive, point))}
+    warnings = [*file_warnings(drive), *load_warnings((drive, point))]
+    document = contact_document(drive, state) | {"warnings": warnings}
     files = _pictures(drive, point, state, *pictures) if document["pulleys"] else ()
     failure = str(FileError(path, why.key, why.message)) if why else ""
     return Report(document, contact_tables(document, TableUnits(drive, si)), failure, files)

@@ -31,8 +31,8 @@ class WarningPart(Part):
     """A limit of the trust in a success."""
 
     code: str = meaning(
-        "`belt_stiff_on_pulley`, `tensioner_moves_far`, `load_outside_table`, `span_slackens` "
-        "(members of `bj.RESULTS`), `tension_above_allowable`, `belt_slips`, "
+        "`number_without_unit`, `belt_stiff_on_pulley`, `tensioner_moves_far`, "
+        "`load_outside_table`, `span_slackens` (members of `bj.RESULTS`), `tension_above_allowable`, `belt_slips`, "
         "`damper_on_given_motion` or `modes_left_out`"
     )
     text: str = meaning("the same in words, with names and numbers")

@@ -15,6 +15,7 @@ from beltjax.commands.reports.documents import Document, Maybe, Part, meaning, m
 from beltjax.commands.reports.report import Report
 from beltjax.commands.reports.tables import number, plain_table
 from beltjax.commands.reports.units import TableUnits
+from beltjax.commands.reports.warnings import file_warnings, warning_lines
 from beltjax.drive.buildable import clearances, passes, pulley_pairs
 from beltjax.drive.files import Geometry, load_geometry
 from beltjax.drive.fitting import fitted_belts, next_lengths
@@ -151,6 +152,7 @@ def layout_document(found: Geometry, at: Layout) -> dict[str, Any]:
         "drive": drive.name,
         "model": model_flags(drive),
         "success": True,
+        "warnings": file_warnings(drive),
         "spans": [
             {"name": name, "length": length}
             for name, length in zip(drive.span_names, plain(at.span_lengths), strict=True)
@@ -243,7 +245,7 @@ def layout_tables(document: dict[str, Any], units: TableUnits) -> Group:
     for key, title in titles.items():
         if document[key]:
             tables.append(_belt_table(title, document[key], document, units))
-    return Group(*tables, _gap_table(document, units))
+    return Group(*warning_lines(document), *tables, _gap_table(document, units))
 
 
 def _pulley_table(document: dict[str, Any], units: TableUnits) -> Table:

@@ -24,7 +24,7 @@ from beltjax.commands.reports.documents import (
 from beltjax.commands.reports.report import Report
 from beltjax.commands.reports.tables import number, plain_table
 from beltjax.commands.reports.units import TableUnits
-from beltjax.commands.reports.warnings import steady_warnings, warning_lines
+from beltjax.commands.reports.warnings import file_warnings, steady_warnings, warning_lines
 from beltjax.commands.running import Advance
 from beltjax.drive.files import drive_bytes
 from beltjax.drive.operation import OperatingPoint
@@ -176,6 +176,7 @@ def optimize_report(
     else:
         design, choices = _minimized(study, advance, warm, given.checkpoint), {}
     document = optimize_document(study.point, design) | choices
+    document["warnings"] = [*file_warnings(study.drive), *document["warnings"]]
     if study.scatter is not None:
         document |= robust_document(design, study.scatter)
     if design.snapped is not None:

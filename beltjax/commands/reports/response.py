@@ -28,7 +28,12 @@ from beltjax.commands.reports.states import Kind, kind_of
 from beltjax.commands.reports.tables import number, plain_table
 from beltjax.commands.reports.units import TableUnits
 from beltjax.commands.reports.vibrating import RPM, all_failed, vibrating
-from beltjax.commands.reports.warnings import range_warnings, response_warnings, warning_lines
+from beltjax.commands.reports.warnings import (
+    file_warnings,
+    range_warnings,
+    response_warnings,
+    warning_lines,
+)
 from beltjax.commands.running import Advance
 from beltjax.compiling.quick import in_chunks, quickly_compiled
 from beltjax.drive.bodies import single_arm
@@ -112,7 +117,7 @@ def response_report(
     damping = read_option("--modal-damping", lambda: Damping(modal=ratio))
     found = _responses(drive, point, speeds, excitation, jnp.asarray(order), damping, advance)
     document = response_document(drive, order, speeds, found)
-    document["warnings"] += range_warnings(drive, point, speeds)
+    document["warnings"] += [*file_warnings(drive), *range_warnings(drive, point, speeds)]
     units = TableUnits(drive, si)
     files: tuple[tuple[str, bytes], ...] = ()
     if figure:
