@@ -106,6 +106,30 @@ def test_of_several_belts_the_one_that_does_not_fit_is_named(run, tmp_path):
     assert "belt_length.main: found 3430.0 mm, too long: the path takes 3428.2 mm along" in err
 
 
+GIVEN_BELT = "belt_length = 1.508\nfree_angle = -0.23"
+
+
+@pytest.mark.parametrize(
+    ("rule", "says"),
+    [
+        ("tension = 300.0", "raise installation.tension, or lower the torques"),
+        (
+            GIVEN_BELT,
+            "shorten installation.belt_length, or turn installation.free_angle further in",
+        ),
+    ],
+    ids=["tension", "belt"],
+)
+def test_more_tension_is_advised_by_the_key_that_the_file_gives(run, tmp_path, rule, says):
+    text = THREE.replace("tension = 300.0", rule).replace("accessory = 0.0", "accessory = -20.0")
+    (tmp_path / "slack.toml").write_text(text)
+    status, _, err = run("analyze", "slack.toml")
+    assert status == 2
+    assert one_line(err)
+    assert says in err
+    assert ("installation.tension" in err) == ("tension" in rule.split()[0])
+
+
 def test_stops_that_leave_out_the_drawn_arm_are_told(run, tmp_path):
     """The drawn arm is at -3.749 deg, and [tensioner] counts directions."""
     rule = "[installation]\nbelt_length = 1.51\nfree_angle = -0.23"

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -71,12 +72,20 @@ def _failure(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagno
         return _slack_diagnosis(drive, point, steady)
     if result == RESULTS.arm_at_stop:
         where = places_in_words(drive, steady.reference.coordinates)
-        return Diagnosis("tensioner.stops", f"{where}: {explanation(result).rstrip('.')}", False)
+        return Diagnosis("tensioner.stops", f"{where}: {advice(drive, result).rstrip('.')}", False)
     if result == RESULTS.tensioner_unstable:
-        return Diagnosis("tensioner.stiffness", explanation(result), False)
+        return Diagnosis("tensioner.stiffness", advice(drive, result), False)
     if result == RESULTS.belt_overstretched:
         return _strain_diagnosis(drive, point, steady)
-    return Diagnosis(taken_key(point) or "installation", explanation(result), False)
+    key, rule = taken_key(point) or "installation", drive.installation
+    if result == RESULTS.belt_does_not_fit and not isinstance(rule, BeltGiven):
+        what = "these torques" if taken_key(point) else "what else pulls at it"
+        message = (
+            f"no place of the tensioners near the drawn one balances the belt and {what}: "
+            f"{tightening(drive)}, or lower the torques"
+        )
+        return Diagnosis(key, message, False)
+    return Diagnosis(key, advice(drive, result), False)
 
 
 _UNFIT = RESULTS.belt_too_long, RESULTS.belt_too_short, RESULTS.belt_does_not_fit
@@ -255,12 +264,15 @@ def _adjusted_diagnosis(drive: Drive, rule: AdjustedToTension | AdjustedToMark) 
 def _strain_diagnosis(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagnosis:
     at_rest = float(np.max(np.asarray(steady.reference.tensions)) / drive.belt.axial_stiffness)
     if at_rest > LARGEST_STRAIN:
-        message = f"stretches the belt by {at_rest:.3g} of its length at rest: lower it, or check "
-        return Diagnosis("installation.tension", message + "belt.axial_stiffness", False)
+        given = isinstance(drive.installation, BeltGiven | AdjustedToMark)
+        key = "installation.belt_length" if given else "installation.tension"
+        remedy = "give a longer one" if given else "lower it"
+        message = f"stretches the belt by {at_rest:.3g} of its length at rest: {remedy}, or check "
+        return Diagnosis(key, message + "belt.axial_stiffness", False)
     if float(steady.groups.bending) > 1.0:
         message = "makes the belt stiffer than its tension: check its value and unit"
         return Diagnosis("belt.bending_stiffness", message, False)
-    return Diagnosis(speed_key(point), explanation(steady.result), False)
+    return Diagnosis(speed_key(point), advice(drive, steady.result), False)
 
 
 def _slack_diagnosis(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagnosis:
@@ -271,23 +283,39 @@ def _slack_diagnosis(drive: Drive, point: OperatingPoint, steady: SteadyState) -
         found = f"span {drive.span_names[i]} is slack at rest ({tensions[i]:.4g} N)"
         if getattr(drive.installation, "span_tensions", None) is not None:
             return Diagnosis("installation.span_tensions", f"{found}: give tensions above 0", False)
-        remedy = f"raise {_tightener(drive)}, or lower the torques"
+        remedy = f"{tightening(drive)}, or lower the torques"
         key = taken_key(point) or "operation.torque"
         return Diagnosis(key, f"{found} under these torques: {remedy}", False)
     span = drive.span_names[int(np.argmin(np.asarray(reference.tensions)))]
     return Diagnosis(
         speed_key(point),
         f"span {span} goes slack at a belt speed of {float(point.speed(drive)):.4g} m/s: lower the "
-        f"speed or raise {_tightener(drive)}",
+        f"speed, or {tightening(drive)}",
         False,
     )
 
 
-def _tightener(drive: Drive) -> str:
-    """What an engineer raises to have more tension."""
-    if isinstance(drive.installation, Preloaded):
-        return "the preload, force or weight of its tensioner"
-    return "installation.tension"
+def tightening(drive: Drive) -> str:
+    """What an engineer does to have more tension, by the keys that the file gives."""
+    rule = drive.installation
+    if isinstance(rule, Preloaded):
+        return "raise the preload, force or weight of its tensioner"
+    if isinstance(rule, AdjustedToMark):
+        return "move the mark (installation.until) to where its spring pulls more"
+    if not isinstance(rule, BeltGiven):
+        return "raise installation.tension"
+    if rule.free_angle is not None:
+        return "shorten installation.belt_length, or turn installation.free_angle further in"
+    if drive.tensioners:
+        return "shorten installation.belt_length, or relax its springs further in (free or preload)"
+    return "shorten installation.belt_length"
+
+
+def advice(drive: Drive, result: RESULTS) -> str:
+    """The text of a result, and where its remedy is tension what the file has for that."""
+    text, tight = explanation(result), tightening(drive)
+    tense = re.search(r"[Rr]aise the (pre)?tension|the tension or", text)
+    return f"{text} For more tension, {tight}." if tense else text
 
 
 def taken_key(point: OperatingPoint) -> str:
