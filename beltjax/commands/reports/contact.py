@@ -17,12 +17,12 @@ from beltjax.analysis.contact import (
     without_friction,
 )
 from beltjax.analysis.steady import SteadyState, steady_state
-from beltjax.commands.reports.arguments import read_drive
-from beltjax.commands.reports.diagnosis import Diagnosis, speed_key, taken_key, travel_lead
+from beltjax.commands.reports.arguments import read_drive, titled
+from beltjax.commands.reports.diagnosis import Diagnosis, advice, speed_key, taken_key, travel_lead
 from beltjax.commands.reports.documents import (
-    Document,
     Maybe,
     Part,
+    PointDocument,
     meaning,
     model_flags,
     plain,
@@ -39,6 +39,7 @@ from beltjax.drive.canonical import canonical
 from beltjax.drive.installation import BELT_LENGTH, BeltGiven
 from beltjax.drive.layout import layout
 from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.shafts import transmission
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
 from beltjax.results import RESULTS, explanation, succeeded
@@ -55,7 +56,7 @@ class TouchedPulleyPart(Part):
     slip_deg: Maybe
     adhesion_deg: Maybe = meaning("wrap less slip")
     moment: Maybe = meaning("N m, taken from the belt; the driver's is negative")
-    speed: Maybe = meaning("rad/s")
+    speed: Maybe = meaning("rad/s, counterclockwise")
     contact_radius: Maybe = meaning(
         "of the belt at contact over the pulley's; 1 unless it touches at one point"
     )
@@ -86,13 +87,12 @@ class RunningBeltPart(Part):
     mass_flow: Maybe = meaning("kg/s")
 
 
-class ContactDocument(Document):
+class ContactDocument(PointDocument):
     """`beltjax contact`: numbers are null where no state was found.
 
     Lengths, speeds and flows of a single belt stand by themselves too; of several they are null.
     """
 
-    drive: str
     feasible: bool = meaning("whether the state found can be: nothing slips fully, nothing leaves")
     pulleys: list[TouchedPulleyPart] | None
     spans: list[FreeSpanPart] | None
@@ -132,7 +132,7 @@ def contact_report(
         question = contact_question(law, maximum)
     except ValueError as error:
         raise FileError("--law", "", str(error).rstrip(".")) from error
-    drive, point = read_drive(path, duty)
+    drive, point, at = read_drive(path, duty)
     if len(drive.belts) > 1 and point.mass_flow is not None:
         message = "is that of a single belt; give each belt's mass_per_length alone"
         raise FileError(path, "operation.mass_flow", message)
@@ -149,7 +149,7 @@ def contact_report(
     if why and why.impossible:
         raise FileError(path, why.key, why.message)
     warnings = [*file_warnings(drive), *load_warnings((drive, point))]
-    document = contact_document(drive, state) | {"warnings": warnings}
+    document = contact_document(drive, point, state) | {"at": at, "warnings": warnings}
     files = _pictures(drive, point, state, *pictures) if document["pulleys"] else ()
     failure = str(FileError(path, why.key, why.message)) if why else ""
     return Report(document, contact_tables(document, TableUnits(drive, si)), failure, files)
@@ -179,7 +179,7 @@ def _fixed_contacts(drive: Drive, point: OperatingPoint) -> SteadyState:
     return steady_state(drive, point, throw=False)
 
 
-def contact_document(drive: Drive, state: ContactState) -> dict[str, Any]:
+def contact_document(drive: Drive, point: OperatingPoint, state: ContactState) -> dict[str, Any]:
     """A contact state with the fixed keys; its numbers are None where no state was found."""
     found = bool(state.found)
     two = len(drive.pulleys) == 2
@@ -191,7 +191,7 @@ def contact_document(drive: Drive, state: ContactState) -> dict[str, Any]:
         "drive": drive.name,
         "model": model_flags(drive),
         "feasible": bool(state.feasible),
-        "pulleys": _pulleys(drive, state) if found else None,
+        "pulleys": _pulleys(drive, point, state) if found else None,
         "spans": _spans(drive, state) if found else None,
         "belts": belts,
         "unstretched_length": single.get("unstretched_length"),
@@ -241,12 +241,13 @@ def _string_tensions(drive: Drive, lengths: np.ndarray) -> list[Any]:
     return plain(np.asarray(drive.axial_stiffnesses) * (paths / lengths - 1))
 
 
-def _pulleys(drive: Drive, state: ContactState) -> list[dict[str, Any]]:
+def _pulleys(drive: Drive, point: OperatingPoint, state: ContactState) -> list[dict[str, Any]]:
+    turning = np.asarray(transmission(drive, point).turning)
     columns = zip(
         drive.pulley_names,
         *(plain(np.degrees(x)) for x in (state.wraps, state.slips, state.adhesions)),
         plain(state.moments),
-        plain(state.pulley_speeds),
+        plain(turning * np.asarray(state.pulley_speeds)),
         plain(1 / (np.asarray(state.contact_curvatures) * np.asarray(drive.radii))),
         strict=True,
     )
@@ -278,7 +279,7 @@ def _spans(drive: Drive, state: ContactState) -> list[dict[str, Any]]:
 def contact_tables(document: dict[str, Any], units: TableUnits) -> Group:
     """The tables of `beltjax contact`, from its JSON document."""
     if document["pulleys"] is None:
-        return Group(escape(f"{document['drive']}: no state of contact"))
+        return Group(escape(f"{titled(document)}: no state of contact"))
     several = len(document["belts"]) > 1
     tables = _pulley_table, _span_table, *([_belt_table] if several else []), _summary
     shown = (table(document, units) for table in tables)
@@ -289,7 +290,7 @@ def _pulley_table(document: dict[str, Any], units: TableUnits) -> Table:
     arcs = "wrap", "slip", "adhesion"
     columns = *((arc, "rad") for arc in arcs), ("moment", "N m"), ("speed", "rad/s")
     heads = (units.head(*column) for column in columns)
-    table = plain_table(escape(document["drive"]), "pulley", *heads)
+    table = plain_table(escape(titled(document)), "pulley", *heads)
     for row in document["pulleys"]:
         angles = (units.text(np.radians(row[f"{arc}_deg"]), "rad", 2) for arc in arcs)
         moment, speed = units.text(row["moment"], "N m", 3), units.text(row["speed"], "rad/s", 1)
@@ -353,7 +354,7 @@ def diagnose_contact(drive: Drive, point: OperatingPoint, state: ContactState) -
     if succeeded(result):
         return None
     key, found = _cause(drive, point, state)
-    message = found + explanation(result)
+    message = found + advice(drive, result)
     if any(result == one for one in _OF_TRAVEL):
         lead = travel_lead(drive, point)
         message += lead and f" ({lead})"

@@ -8,10 +8,16 @@ from rich.console import Group
 from rich.markup import escape
 
 from beltjax.analysis.sweep import Sweep, require_count, sweep
-from beltjax.commands.reports.arguments import read_named, read_option, read_orders, read_range
+from beltjax.commands.reports.arguments import (
+    read_named,
+    read_option,
+    read_orders,
+    read_range,
+    titled,
+)
 from beltjax.commands.reports.documents import (
-    Document,
     Part,
+    PointDocument,
     Row,
     meaning,
     model_flags,
@@ -41,10 +47,9 @@ class VeeringPart(Part):
     resolved: bool = meaning("false: the gap is an upper bound")
 
 
-class SweepDocument(Document):
+class SweepDocument(PointDocument):
     """`beltjax sweep`: rows by value, columns by mode."""
 
-    drive: str
     success: bool = meaning("whether any point succeeded")
     over: str = meaning("key of the swept number")
     unit: str = meaning("SI; empty for a pure number")
@@ -74,7 +79,7 @@ def sweep_report(
 
     Raises `FileError` for options that cannot be used.
     """
-    drive, point = vibrating(path, duty)
+    drive, point, at = vibrating(path, duty)
     netcdf, figure = outputs
     name, text = read_option("--over", lambda: read_named(over, "NAME=FROM:TO:POINTS"))
     read_option("--over", lambda: require_number(drive, name))
@@ -83,7 +88,7 @@ def sweep_report(
     lines = read_option("--orders", lambda: read_orders(orders))
     read_option("--count", lambda: require_count(drive, count))
     found = sweep(drive, point, name, values, count=count, advance=advance)
-    document = sweep_document(drive, point, found)
+    document = sweep_document(drive, point, found) | {"at": at}
     files = []
     if netcdf:
         files.append((netcdf, _netcdf(found)))
@@ -149,7 +154,7 @@ def sweep_tables(document: dict[str, Any], units: TableUnits) -> Group:
 def _sweep_table(document: dict[str, Any], units: TableUnits) -> Any:
     shown = min(len(document["labels"]), _COLUMNS)
     _, unit = units.unit_of_number(document["over"])
-    title = f"{document['drive']}: natural frequencies (Hz) over {document['over']}"
+    title = f"{titled(document)}: natural frequencies (Hz) over {document['over']}"
     columns = ["Gamma", *(str(k + 1) for k in range(shown))]
     table = plain_table(escape(title), f"at ({unit})" if unit else "at", *columns)
     count = len(document["values"])
