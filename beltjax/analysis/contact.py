@@ -42,7 +42,6 @@ from beltjax.results import (
 )
 
 Law = str | AbstractBeltLaw
-NO_SLIP = "a toothed belt does not slip: contact mechanics adds nothing to geometry and tensions;"
 _SLIPPING = 1e-9  # adhesion below minus this is gross slip [rad]
 # Where a search ends without a belt, at the last step of load (1/64) that had one:
 _BARE = 0.05  # of the tension at rest: a least P at a contact below it was about to be lost
@@ -173,15 +172,33 @@ def _contact(
     question = contact_question(law, maximum)
     if len(drive.belts) > 1 and point.mass_flow is not None:
         raise ValueError("OperatingPoint.mass_flow is that of a single belt; this drive has more.")
-    toothed = next((belt.name for belt in drive.belts if belt.pitch is not None), None)
+    toothed = toothed_belt(drive, "`bj.steady_state`")
     if toothed is not None:
-        raise ValueError(f"Belt {toothed!r}: {NO_SLIP} `bj.steady_state` gives them.")
+        raise ValueError(f"Belt {toothed[0]!r}: {toothed[1]}.")
     bare = without_friction(drive, point, maximum)
     if bare is not None:
         raise ValueError(f"Pulley {bare!r} has torque; contact needs its friction.")
     # The law and the question are data, so that one compiled program answers them all.
     found = contact_solution(*canonical(drive, point), *question)
     return raise_unless_successful(found, found.result, throw)
+
+
+def toothed_belt(drive: Drive, other: str) -> tuple[str, str] | None:
+    """Name of a toothed belt, and what to do about it; `other` is what gives its tensions."""
+    name = next((belt.name for belt in drive.belts if belt.pitch is not None), None)
+    if name is None:
+        return None
+    text = (
+        "a toothed belt does not slip: contact mechanics adds nothing to geometry and tensions; "
+        f"{other} gives them"
+    )
+    if len(drive.belts) > 1:
+        text += (
+            ". Belts that share shafts are found together, and none can be left out: for the "
+            "others describe a drive without this belt, with its torque on the pulleys that share "
+            "its shafts"
+        )
+    return name, text
 
 
 def without_friction(drive: Drive, point: OperatingPoint, maximum: bool) -> str | None:

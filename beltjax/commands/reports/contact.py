@@ -10,10 +10,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from beltjax.analysis.contact import (
-    NO_SLIP,
     ContactState,
     contact_question,
     contact_solution,
+    toothed_belt,
     without_friction,
 )
 from beltjax.analysis.steady import SteadyState, steady_state
@@ -136,10 +136,10 @@ def contact_report(
     if len(drive.belts) > 1 and point.mass_flow is not None:
         message = "is that of a single belt; give each belt's mass_per_length alone"
         raise FileError(path, "operation.mass_flow", message)
-    toothed = next((belt.name for belt in drive.belts if belt.pitch is not None), None)
+    toothed = toothed_belt(drive, "`beltjax analyze`")
     if toothed is not None:
-        key = "belt.pitch" if len(drive.belts) == 1 else f"belt.{toothed}.pitch"
-        raise FileError(path, key, f"{NO_SLIP} `beltjax analyze` gives them")
+        key = "belt.pitch" if len(drive.belts) == 1 else f"belt.{toothed[0]}.pitch"
+        raise FileError(path, key, toothed[1])
     bare = without_friction(drive, point, maximum)
     if bare is not None:
         message = "is missing; this pulley has torque, which friction holds"
