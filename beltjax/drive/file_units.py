@@ -3,13 +3,14 @@
 from collections.abc import Iterator
 from typing import Any
 
+from beltjax.drive.file_bodies import SINGLE
 from beltjax.drive.file_makers_data import DIAMETERS, LENGTHS, effective_excess
 from beltjax.drive.file_origin import OF_TENSIONERS, Origin
 from beltjax.drive.file_plausibility import as_number, doubts
-from beltjax.drive.numbers import full_key, known_keys
+from beltjax.drive.numbers import full_key, known_keys, tensioner_key, value_of
 from beltjax.drive.system import Drive
 from beltjax.drive.units_of_file import UnitsOfFile
-from beltjax.files.units import unit_written
+from beltjax.files.units import to_si, unit_written
 
 # Tables of a list that go by the names of the drive's parts, which are in the same order.
 _LISTED = {"belt": "belts", "isolator": "isolators", "damper": "dampers"}
@@ -35,7 +36,21 @@ def units_used(content: dict[str, Any], drive: Drive, origin: Origin, path: obje
         key: shift for end, shift in moved if shift for key in known if _is_coordinate(key, end)
     }
     shifts |= {key: -excess for key, excess in effective_excess(content, path).items()}
+    shifts |= _preloads_at_angles(content, drive, known)
     return UnitsOfFile(found, shifts, doubts(bare, drive))
+
+
+def _preloads_at_angles(content: dict[str, Any], drive: Drive, known: set[str]) -> dict[str, float]:
+    """What preloads `at_angle` are more than in the drawn position [N m], by their `known` keys."""
+    tables = content.get("tensioner", [])
+    found = {}
+    for table in tables if isinstance(tables, list) else [tables]:
+        if "at_angle" in table:
+            place = drive.body(table.get("name", SINGLE))
+            key = f"{tensioner_key(drive, place)}.preload"
+            if key in known:
+                found[key] = to_si(table["preload"], "N m") - float(value_of(drive, key))
+    return found
 
 
 def _is_coordinate(key: str, end: str) -> bool:
@@ -77,7 +92,7 @@ def _keys(words: tuple[str, ...], content: dict[str, Any]) -> list[str]:
     if words[0] == "pulley" and words[-1] in DIAMETERS:
         words = (*words[:-1], "radius")
     if words[0] == "tensioner" and words[-1] == "preload":
-        words = (*words[:-1], "force")
+        return [".".join(words), ".".join((*words[:-1], "force"))]
     if words[:2] == ("installation", "belt_length") and words[-1] in LENGTHS:
         words = words[:-1]
     if words[-1] in ("0", "1"):

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping
 class UnitsOfFile(Mapping[str, str]):
     """Units by the keys of numbers; a number without a unit here is in SI.
 
-    A file may count a length from elsewhere than the drive does: coordinates from the origin of a
-    site, the length of a belt along its effective line. `shifts` are the file's numbers less the
-    drive's [m], by keys. `doubts` ask in words whether bare numbers are meant in SI.
+    A file may count a number from elsewhere than the drive does: coordinates from the origin of a
+    site, the length of a belt along its effective line, a preload at another angle. `shifts` are
+    the file's numbers less the drive's [SI], by keys. `doubts` ask in words whether bare numbers are meant in SI.
 
     All instances are equal, so that units never distinguish compiled programs or the structures of
     drives: the unit in which a number is shown is not part of its value. A program that returns a
