@@ -210,7 +210,7 @@ def is_relative(name: str) -> bool:
 
 
 def moved_with(name: str) -> set[str]:
-    """Keys of the numbers that describe the arm or the spring to which a relative number belongs."""
+    """Keys of the numbers that describe the arm or the spring that a relative number is of."""
     if name.endswith(_PRELOAD):
         own = name.removesuffix(_PRELOAD)
         return {name, f"installation.free.{own.removeprefix('tensioner.')}"}

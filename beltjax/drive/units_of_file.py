@@ -8,7 +8,8 @@ class UnitsOfFile(Mapping[str, str]):
 
     A file may count a number from elsewhere than the drive does: coordinates from the origin of a
     site, the length of a belt along its effective line, a preload at another angle. `shifts` are
-    the file's numbers less the drive's [SI], by keys. `doubts` ask in words whether bare numbers are meant in SI.
+    the file's numbers less the drive's [SI], by keys. `doubts` ask in words whether bare numbers
+    are meant in SI.
 
     All instances are equal, so that units never distinguish compiled programs or the structures of
     drives: the unit in which a number is shown is not part of its value. A program that returns a

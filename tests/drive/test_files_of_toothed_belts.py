@@ -137,7 +137,7 @@ def test_contact_says_in_one_line_that_nothing_slips(run, tmp_path):
     (tmp_path / "saw.toml").write_text(SAW)
     status, out, err = run("contact", "saw.toml")
     assert (status, out, err.count("\n")) == (1, "", 1)
-    assert re.search(r"belt\.pitch: a toothed belt does not slip.*analyze", err)
+    assert re.search(r"belt\.pitch: is of a toothed belt, which does not slip.*analyze", err)
     with pytest.raises(ValueError, match="does not slip"):
         bj.contact_state(*bj.load_drive(tmp_path / "saw.toml"))
 

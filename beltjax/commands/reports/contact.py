@@ -13,8 +13,7 @@ from beltjax.analysis.contact import (
     ContactState,
     contact_question,
     contact_solution,
-    toothed_belt,
-    without_friction,
+    unmet_need,
 )
 from beltjax.analysis.steady import SteadyState, steady_state
 from beltjax.commands.reports.arguments import read_drive, titled
@@ -133,17 +132,9 @@ def contact_report(
     except ValueError as error:
         raise FileError("--law", "", str(error).rstrip(".")) from error
     drive, point, at = read_drive(path, duty)
-    if len(drive.belts) > 1 and point.mass_flow is not None:
-        message = "is that of a single belt; give each belt's mass_per_length alone"
-        raise FileError(path, "operation.mass_flow", message)
-    toothed = toothed_belt(drive, "`beltjax analyze`")
-    if toothed is not None:
-        key = "belt.pitch" if len(drive.belts) == 1 else f"belt.{toothed[0]}.pitch"
-        raise FileError(path, key, toothed[1])
-    bare = without_friction(drive, point, maximum)
-    if bare is not None:
-        message = "is missing; this pulley has torque, which friction holds"
-        raise FileError(path, f"pulley.{bare}.friction", message)
+    unmet = unmet_need(drive, point, maximum)
+    if unmet is not None:
+        raise FileError(path, unmet.key, unmet.message)
     state = jax.device_get(run_kept(contact_solution, *canonical(drive, point), *question))
     why = diagnose_contact(drive, point, state)
     if why and why.impossible:
