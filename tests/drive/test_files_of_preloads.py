@@ -6,34 +6,16 @@ import numpy as np
 import pytest
 from bodies_cases import load, swap
 from drives import EXAMPLES
+from small_drives import PRESSED
 
 import beltjax as bj
 from beltjax.commands.reports.units import TableUnits
 from beltjax.drive.files import drive_content
 
-SPRUNG = """
-gravity = [0, "-9.81 m/s^2"]
-[belt]
-axial_stiffness = 1e5
-bending_stiffness = 0.0
-mass_per_length = 0.1
-[[pulley]]
-name = "crank"
-center = [0.0, 0.0]
-radius = 0.08
-face = "grooved"
-driver = true
-[[pulley]]
-name = "pump"
-center = [0.4, 0.0]
-radius = 0.08
-face = "grooved"
-[[pulley]]
-name = "idler"
-center = [0.2, 0.05]
-radius = 0.03
-face = "back"
-[[tensioner]]
+SPRUNG = (
+    'gravity = [0, "-9.81 m/s^2"]'
+    + PRESSED
+    + """[[tensioner]]
 name = "arm"
 pulley = "idler"
 pivot = [0.08, 0.14]
@@ -42,6 +24,7 @@ preload = "-12 N m"
 [operation]
 belt_speed = 20.0
 """
+)
 SLIDE = SPRUNG.replace(
     'pivot = [0.08, 0.14]\nstiffness = "20 N m/rad"\npreload = "-12 N m"',
     'kind = "linear"\ndirection = [0, -1]\npreload = "150 N"',
