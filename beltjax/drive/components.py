@@ -108,7 +108,10 @@ class Belt(Readable):
     """A belt: a uniform, extensible beam."""
 
     axial_stiffness: Float[Array, ""] = eqx.field(
-        converter=as_real, metadata=number("N", "EA, of the whole width", above=0, design=True)
+        converter=as_real,
+        metadata=number(
+            "N", "EA, of the whole width", above=0, design=True, quantity="stretch stiffness"
+        ),
     )
     bending_stiffness: Float[Array, ""] = eqx.field(
         converter=as_real,
@@ -288,6 +291,7 @@ class Tensioner(Readable):
             "counterclockwise, or along `direction`",
             design=True,
             rare=True,
+            quantity="force of a spring",
         ),
     )
     locked: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # 1: bolted
