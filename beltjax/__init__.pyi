@@ -17,6 +17,10 @@ from .analysis.moving_beam import MovingBeamModes as MovingBeamModes
 from .analysis.moving_beam import SpanFrequencies as SpanFrequencies
 from .analysis.moving_beam import moving_beam_modes as moving_beam_modes
 from .analysis.moving_beam import span_frequencies as span_frequencies
+from .analysis.orbit_measures import Measures as Measures
+from .analysis.orders import Orders as Orders
+from .analysis.periodic import PeriodicResponse as PeriodicResponse
+from .analysis.periodic import periodic_response as periodic_response
 from .analysis.reference import ReferenceState as ReferenceState
 from .analysis.reference import reference_state as reference_state
 from .analysis.response import Excitation as Excitation

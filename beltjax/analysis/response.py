@@ -208,7 +208,7 @@ def _by_basis(
     work = lin.model.lam * lin.model.gam
     load = -factor * crank * (lin.elongations.T @ (work * lin.driving))
     n = lin.spans * lin.basis.size
-    on_rotors = _on_rotors(lin, omega, crank, forces, damping, factor)
+    on_rotors = moments_on_rotors(lin, omega, crank, forces, damping, factor)
     load = load.at[n : n + len(lin.rotors)].add(on_rotors)
     z = jnp.linalg.solve(pencil, load)
     strains = lin.elongations @ z + lin.driving * crank
@@ -238,7 +238,7 @@ def _modulus(w: Complex[Array, "..."]) -> Float[Array, "..."]:
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
 
 
-def _on_rotors(
+def moments_on_rotors(
     lin: Linearization,
     omega: Float[Array, ""],
     crank: Complex[Array, ""],
@@ -274,7 +274,7 @@ def _exactly(
         own = own + 1j * omega * block_diag(*own_damping(lin))
     whole = jnp.block([[jnp.diag(on_delta) + 0j, coupling], [coupling.conj().T, own]])
     scale = jnp.sqrt(m.lam * m.gam)
-    on_rotors = _on_rotors(lin, omega, crank, forces, damping, 1.0)
+    on_rotors = moments_on_rotors(lin, omega, crank, forces, damping, 1.0)
     load = [-scale * lin.driving * crank, on_rotors, jnp.zeros(lin.bodies)]
     z = jnp.linalg.solve(whole, jnp.concatenate(load))
     delta, turning = z[: lin.spans], z[lin.spans : lin.spans + len(lin.rotors)]

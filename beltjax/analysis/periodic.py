@@ -1,0 +1,239 @@
+"""Periodic vibration of finite amplitude: harmonic balance, stability, and its derivatives."""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Complex, Float
+
+from beltjax.analysis.damping import Damping
+from beltjax.analysis.linearization import Linearization, linearize
+from beltjax.analysis.motion import (
+    Excited,
+    layered_shapes,
+    load_series,
+    motion_model,
+    narrowed,
+    oscillator,
+    widened,
+)
+from beltjax.analysis.orbit_measures import Measures, Signals, measures
+from beltjax.analysis.orders import Forcing, Orders
+from beltjax.analysis.steady import steady_state
+from beltjax.compiling.quick import boundary_jit, usual_promotion
+from beltjax.drive.canonical import canonical, strongly_typed
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
+from beltjax.numerics.bases import AbstractBasis, Legendre
+from beltjax.numerics.periodic import multipliers, periodic_orbit
+from beltjax.physics.motion import projected
+from beltjax.results import (
+    RESULTS,
+    first_failure,
+    frozen_where_failed,
+    raise_unless_successful,
+    succeeded,
+)
+
+_FINE = 32  # Legendre functions from which the layered ones are combined
+_STEEPEST = 0.2  # slope above which small slopes are no good approximation
+_PER_HARMONIC = 8  # samples
+
+
+class PeriodicResponse(eqx.Module):
+    """A periodic motion of a drive about its steady state, found by harmonic balance."""
+
+    # Fourier coefficients of the deviation in the linearization's coordinates: the mean, then the
+    # cosine and the sine of each harmonic.
+    coefficients: Float[Array, "terms size"]
+    frequency: Float[Array, ""]  # of the period [rad/s]
+    driver: Float[Array, " terms"]  # rotation of the driver, given [rad]
+    multipliers: Complex[Array, " states"]  # Floquet's, the largest first
+    measures: Measures
+    friction_use: Float[Array, " pulleys"]  # largest over the period; 0 without friction
+    linearization: Linearization
+    signals: Signals
+    conditioning: Float[Array, ""]  # least singular value of the scaled equations; 0 at a fold
+    # Size of the last two harmonics over that of all: what is left out is of that size. The
+    # error of the functions of the spans is not in it.
+    error: Float[Array, ""]
+    result: RESULTS
+    warning: RESULTS
+    stats: dict[str, Array]
+
+    @property
+    def period(self) -> Float[Array, ""]:
+        """Period [s]."""
+        return 2 * jnp.pi / self.frequency
+
+    @property
+    def stable(self) -> Bool[Array, ""]:
+        """Whether a small disturbance dies out."""
+        return jnp.abs(self.multipliers[0]) < 1
+
+    @usual_promotion
+    def at(self, t: Array | float) -> Float[Array, "*times size"]:
+        """Deviation from the steady state at times [s], in the linearization's coordinates."""
+        return self._over(lambda phase: self.signals.state(phase)[0], t)
+
+    @usual_promotion
+    def rotations(self, t: Array | float) -> Float[Array, "*times pulleys"]:
+        """Rotations of the hubs beyond their mean speed at times [s], in [rad]."""
+        return self._over(
+            lambda phase: self.linearization.of_pulleys(self.signals.rotors(phase)), t
+        )
+
+    @usual_promotion
+    def tensioner_motions(self, t: Array | float) -> Float[Array, "*times tensioners"]:
+        """Motions of the tensioners from the steady state at times [s], in [rad] or [m]."""
+        return self._over(self.signals.motions, t)
+
+    @usual_promotion
+    def tensions(self, t: Array | float) -> Float[Array, "*times spans"]:
+        """Tensions of the spans at times [s], in [N]."""
+        running = self.linearization.steady.running_tensions
+        return running + self._over(self.signals.gains, t)
+
+    def _over(
+        self, function: Callable[[Float[Array, ""]], Array], t: Array | float
+    ) -> Float[Array, "*times items"]:
+        times = jnp.asarray(t, float)
+        found = jax.vmap(function)(self.frequency * times.ravel())
+        return found.reshape(*times.shape, *found.shape[1:])
+
+
+def periodic_response(
+    drive: Drive,
+    point: OperatingPoint,
+    orders: Orders,
+    *,
+    harmonics: int = 12,
+    samples: int | None = None,
+    functions: int = 12,
+    basis: AbstractBasis | None = None,
+    damping: Damping | None = None,
+    throw: bool = True,
+) -> PeriodicResponse:
+    """Periodic motion of finite amplitude under crank motion and torques at orders of the speed.
+
+    The spans stretch by the squares of their slopes and of the tensioners' motions, so that
+    tension and deflection act on each other; docs/theory/motion.md. Small amplitudes give
+    `speed_response`. The motion is the one that grows from rest with the excitation.
+
+    The result is that of the steady state, or `orbit_not_found`. With `throw=False` read
+    `.result`: a failed motion is zero. A success may carry a `.warning`: `orbit_unstable`,
+    `span_slack_in_motion`, `slope_too_large` or `belt_slips_in_motion`, in this order.
+
+    Args:
+        drive: the drive.
+        point: speeds and torques.
+        orders: what excites the drive.
+        harmonics: of the period that all orders have in common.
+        samples: points of time at which the tension is evaluated; 8 per harmonic unless given.
+        functions: for the deflection of each span. From 8 on four of them are the layers at the
+            span's ends, the others polynomials; below all are polynomials, and 0 leaves the
+            spans straight.
+        basis: functions for the deflections in place of these, such as `Legendre(24)`.
+        damping: `Damping()` unless given, which counts the drive's own dampers.
+        throw: raise where the result is a failure.
+
+    Returns:
+        The motion with its stability and its extremes.
+
+    Raises:
+        ValueError: an inertia is missing, harmonics or samples are too few, or the excitation
+            names a pulley that is not there.
+        AnalysisError: the result is a failure, and `throw` is set.
+
+    Examples:
+        >>> drive, point = bj.load_drive("examples/three_pulley.toml")
+        >>> orders = bj.Orders({2: bj.Excitation(crank=0.002)})  # [rad]
+        >>> damping = bj.Damping(modal=0.02)
+        >>> found = bj.periodic_response(drive, point, orders, damping=damping)
+        >>> found.measures.tension_min, found.stable
+    """
+    samples = _PER_HARMONIC * harmonics if samples is None else samples
+    _require_resolution(harmonics, samples, functions)
+    damping = Damping() if damping is None else damping
+    orders, damping = strongly_typed((orders, damping))
+    forcing = orders.forcing(drive.pulley_names, harmonics)
+    speed = jnp.asarray(orders.base)
+    found = _periodic(*canonical(drive, point), forcing, speed, damping, samples, functions, basis)
+    return raise_unless_successful(found, found.result, throw)
+
+
+def _require_resolution(harmonics: int, samples: int, functions: int) -> None:
+    if harmonics < 1:
+        raise ValueError(f"harmonics: found {harmonics}; give at least 1.")
+    if samples < 2 * harmonics + 2:
+        least = 2 * harmonics + 2
+        raise ValueError(
+            f"samples: found {samples}; give at least {least} for {harmonics} harmonics."
+        )
+    if not 0 <= functions <= _FINE:
+        raise ValueError(f"functions: found {functions}; give 0 to {_FINE}, or a basis.")
+
+
+@boundary_jit
+def _periodic(
+    drive: Drive,
+    point: OperatingPoint,
+    forcing: Forcing,
+    base: Float[Array, ""],
+    damping: Damping,
+    samples: int,
+    functions: int,
+    basis: AbstractBasis | None,
+) -> PeriodicResponse:
+    steady = steady_state(drive, point, throw=False)
+    lin = linearize(steady, Legendre(_FINE) if basis is None else basis, throw=False)
+    frequency = base * point.speed(drive) / (drive.drives @ drive.radii)
+    whole = motion_model(lin, damping)
+    driver, load = load_series(lin, forcing, frequency * lin.scales.time, damping)
+    count = functions if basis is None else basis.size
+    if basis is None:
+        shapes = layered_shapes(lin, count)
+    else:
+        shapes = jnp.broadcast_to(jnp.eye(count), (lin.spans, count, count))
+    model = projected(whole, shapes)
+    excited = Excited(model, frequency * lin.scales.time, driver, narrowed(shapes, load))
+    excited = frozen_where_failed(excited, lin.result)
+    orbit = periodic_orbit(oscillator, excited, len(forcing.crank) - 1, samples)
+    signals = Signals(lin, whole, widened(shapes, orbit.coefficients), driver)
+    found = measures(signals, samples)
+    use = _friction_use(drive, lin, found)
+    floquet = multipliers(oscillator, excited, orbit.coefficients)
+    size = jnp.linalg.norm(orbit.coefficients)
+    result = first_failure(
+        (~succeeded(lin.result), lin.result), (~orbit.converged, RESULTS.orbit_not_found)
+    )
+    answer = PeriodicResponse(
+        coefficients=signals.coefficients,
+        frequency=frequency,
+        driver=driver,
+        multipliers=floquet,
+        measures=found,
+        friction_use=use,
+        linearization=lin,
+        signals=signals,
+        conditioning=orbit.conditioning,
+        error=jnp.linalg.norm(orbit.coefficients[-4:]) / jnp.where(size > 0, size, 1.0),
+        result=result,
+        warning=first_failure(
+            (jnp.abs(floquet[0]) > 1, RESULTS.orbit_unstable),
+            (jnp.min(found.tension_min) < 0, RESULTS.span_slack_in_motion),
+            (jnp.max(found.slope_max) > _STEEPEST, RESULTS.slope_too_large),
+            (jnp.max(use) > 1, RESULTS.belt_slips_in_motion),
+        ),
+        stats={"steps": orbit.steps, "residual": orbit.step},
+    )
+    return frozen_where_failed(answer, result)
+
+
+def _friction_use(drive: Drive, lin: Linearization, found: Measures) -> Float[Array, " pulleys"]:
+    """Largest |ln(Q_out/Q_in)| over friction times wrap; 0 where there is no friction."""
+    none = jnp.zeros(())
+    friction = jnp.stack([none if p.friction is None else p.friction for p in drive.pulleys])
+    hold = friction * lin.steady.reference.layout.wraps
+    return jnp.where(hold > 0, found.slip_exponent_max / jnp.where(hold > 0, hold, 1.0), 0.0)
