@@ -5,6 +5,7 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from beltjax.analysis.damping import Damping
@@ -37,7 +38,7 @@ from beltjax.results import (
 )
 
 _FINE = 32  # Legendre functions from which the layered ones are combined
-_STEEPEST = 0.2  # slope above which small slopes are no good approximation
+STEEPEST = 0.2  # slope above which small slopes are no good approximation
 _PER_HARMONIC = 8  # samples
 
 
@@ -73,30 +74,30 @@ class PeriodicResponse(eqx.Module):
         return jnp.abs(self.multipliers[0]) < 1
 
     @usual_promotion
-    def at(self, t: Array | float) -> Float[Array, "*times size"]:
+    def at(self, t: Array | np.ndarray | float) -> Float[Array, "*times size"]:
         """Deviation from the steady state at times [s], in the linearization's coordinates."""
         return self._over(lambda phase: self.signals.state(phase)[0], t)
 
     @usual_promotion
-    def rotations(self, t: Array | float) -> Float[Array, "*times pulleys"]:
+    def rotations(self, t: Array | np.ndarray | float) -> Float[Array, "*times pulleys"]:
         """Rotations of the hubs beyond their mean speed at times [s], in [rad]."""
         return self._over(
             lambda phase: self.linearization.of_pulleys(self.signals.rotors(phase)), t
         )
 
     @usual_promotion
-    def tensioner_motions(self, t: Array | float) -> Float[Array, "*times tensioners"]:
+    def tensioner_motions(self, t: Array | np.ndarray | float) -> Float[Array, "*times tensioners"]:
         """Motions of the tensioners from the steady state at times [s], in [rad] or [m]."""
         return self._over(self.signals.motions, t)
 
     @usual_promotion
-    def tensions(self, t: Array | float) -> Float[Array, "*times spans"]:
+    def tensions(self, t: Array | np.ndarray | float) -> Float[Array, "*times spans"]:
         """Tensions of the spans at times [s], in [N]."""
         running = self.linearization.steady.running_tensions
         return running + self._over(self.signals.gains, t)
 
     def _over(
-        self, function: Callable[[Float[Array, ""]], Array], t: Array | float
+        self, function: Callable[[Float[Array, ""]], Array], t: Array | np.ndarray | float
     ) -> Float[Array, "*times items"]:
         times = jnp.asarray(t, float)
         found = jax.vmap(function)(self.frequency * times.ravel())
@@ -110,7 +111,7 @@ def periodic_response(
     *,
     harmonics: int = 12,
     samples: int | None = None,
-    functions: int = 12,
+    functions: int = 16,
     basis: AbstractBasis | None = None,
     damping: Damping | None = None,
     throw: bool = True,
@@ -121,7 +122,8 @@ def periodic_response(
     tension and deflection act on each other; docs/theory/motion.md. Small amplitudes give
     `speed_response`. The motion is the one that grows from rest with the excitation.
 
-    The result is that of the steady state, or `orbit_not_found`. With `throw=False` read
+    The result is that of the steady state, or `orbit_not_found`, or `numbers_unusable` for an
+    excitation that is not finite. With `throw=False` read
     `.result`: a failed motion is zero. A success may carry a `.warning`: `orbit_unstable`,
     `span_slack_in_motion`, `slope_too_large` or `belt_slips_in_motion`, in this order.
 
@@ -206,7 +208,9 @@ def _periodic(
     floquet = multipliers(oscillator, excited, orbit.coefficients)
     size = jnp.linalg.norm(orbit.coefficients)
     result = first_failure(
-        (~succeeded(lin.result), lin.result), (~orbit.converged, RESULTS.orbit_not_found)
+        (~succeeded(lin.result), lin.result),
+        (~jnp.all(jnp.isfinite(load)), RESULTS.numbers_unusable),
+        (~orbit.converged, RESULTS.orbit_not_found),
     )
     answer = PeriodicResponse(
         coefficients=signals.coefficients,
@@ -223,7 +227,7 @@ def _periodic(
         warning=first_failure(
             (jnp.abs(floquet[0]) > 1, RESULTS.orbit_unstable),
             (jnp.min(found.tension_min) < 0, RESULTS.span_slack_in_motion),
-            (jnp.max(found.slope_max) > _STEEPEST, RESULTS.slope_too_large),
+            (jnp.max(found.slope_max) > STEEPEST, RESULTS.slope_too_large),
             (jnp.max(use) > 1, RESULTS.belt_slips_in_motion),
         ),
         stats={"steps": orbit.steps, "residual": orbit.step},

@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 from beltjax.drive.components import ArmSpring, Belt, Damper, Isolator, Pulley, Tensioner
 from beltjax.drive.installation import BeltGiven, TensionGiven
 from beltjax.drive.loads import Load
-from beltjax.drive.operation import ExcitationGiven, OperatingPoint
+from beltjax.drive.operation import ExcitationGiven, OperatingPoint, OrderGiven
 from beltjax.drive.system import Drive
 from beltjax.files.tables import (
     Table,
@@ -348,6 +348,17 @@ class DutyTable(OperationTable):
     name: Annotated[str, meaning("of its own")]
 
 
+@numbers_of(OrderGiven, without=("torque",))
+class OrderTable(Table):
+    """One of the orders of [excitation]."""
+
+    torque: Annotated[
+        dict[str, Annotated[float, valid(OrderGiven, "torque")]],
+        Field(default_factory=dict),
+        meaning_of(OrderGiven, "torque"),
+    ]
+
+
 @numbers_of(ExcitationGiven, without=("torque",))
 class ExcitationTable(Table):
     """[excitation]."""
@@ -356,6 +367,11 @@ class ExcitationTable(Table):
         dict[str, Annotated[float, valid(ExcitationGiven, "torque")]],
         Field(default_factory=dict),
         meaning_of(ExcitationGiven, "torque"),
+    ]
+    orders: Annotated[
+        list[OrderTable],
+        Field(default_factory=list),
+        meaning("tables of more orders, for `beltjax periodic`"),
     ]
 
 
