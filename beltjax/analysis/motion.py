@@ -11,8 +11,11 @@ from beltjax.analysis.damping import Damping, damping_matrix
 from beltjax.analysis.linearization import Linearization
 from beltjax.analysis.orders import Forcing
 from beltjax.analysis.response import moments_on_rotors
+from beltjax.analysis.steady import SteadyState
+from beltjax.drive.layout import belt_path, outline
+from beltjax.drive.system import Drive
 from beltjax.numerics.periodic import Oscillator, series
-from beltjax.physics.motion import MotionModel, quadratic_strains, stretching
+from beltjax.physics.motion import MotionModel, SpanPaths, quadratic_strains, stretching
 
 LAYERED = 8  # functions of a span from which four of them are its ends' layers
 _LAYERS = 4
@@ -27,7 +30,9 @@ class Excited(NamedTuple):
     load: Float[Array, "terms size"]
 
 
-def motion_model(linearization: Linearization, damping: Damping) -> MotionModel:
+def motion_model(
+    linearization: Linearization, damping: Damping, paths: SpanPaths | None = None
+) -> MotionModel:
     """The drive of `linearization` in motion, whose driver's rotation is given."""
     lin = linearization
     return MotionModel(
@@ -37,8 +42,36 @@ def motion_model(linearization: Linearization, damping: Damping) -> MotionModel:
         elongations=lin.elongations,
         driving=lin.driving,
         work=lin.model.lam * lin.model.gam,
+        pull=lin.model.lam * lin.model.Q,
         bodies=quadratic_strains(lin.model),
+        paths=paths,
         functions=lin.basis.size,
+    )
+
+
+def span_paths(drive: Drive, steady: SteadyState) -> SpanPaths:
+    """Geometry of the drive's spans about the steady state, dimensionless."""
+    of, loops, length = outline(drive), drive.loops, steady.scales.length
+    foot = of.faces * of.radii
+    running = steady.reference.coordinates + steady.coordinate_change
+    at, units = belt_path(of, loops, running), steady.groups.units
+    turned = at.span_turns[:, :, None] * at.span_turns[:, None, :]
+    second = turned / at.span_lengths[:, None, None] + at.curvatures
+    return SpanPaths(
+        x=of.x / length,
+        y=of.y / length,
+        rise=(loops.following(foot) - foot) / length,
+        senses=of.senses,
+        bodies=of.bodies._replace(pivots=of.bodies.pivots / length),
+        steady=running / units,
+        lengths=at.span_lengths / length,
+        along_x=at.along_x,
+        along_y=at.along_y,
+        first=at.span_pulls * units / length,
+        second=second * units[:, None] * units / length,
+        units=steady.groups.span_ratios,
+        counted=jax.lax.stop_gradient(drive.model.arm_curvature),
+        loops=loops,
     )
 
 

@@ -17,6 +17,7 @@ from beltjax.analysis.motion import (
     motion_model,
     narrowed,
     oscillator,
+    span_paths,
     widened,
 )
 from beltjax.analysis.orbit_measures import Measures, Signals, measures
@@ -24,6 +25,7 @@ from beltjax.analysis.orders import Forcing, Orders
 from beltjax.analysis.steady import steady_state
 from beltjax.compiling.quick import boundary_jit, usual_promotion
 from beltjax.drive.canonical import canonical, strongly_typed
+from beltjax.drive.components import concrete
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis, Legendre
@@ -161,7 +163,11 @@ def periodic_response(
     orders, damping = strongly_typed((orders, damping))
     forcing = orders.forcing(drive.pulley_names, harmonics)
     speed = jnp.asarray(orders.base)
-    found = _periodic(*canonical(drive, point), forcing, speed, damping, samples, functions, basis)
+    flag = concrete(drive.model.arm_curvature)
+    curved = bool(drive.tensioners) and (flag is None or bool(flag.any()))
+    found = _periodic(
+        *canonical(drive, point), forcing, speed, damping, samples, functions, basis, curved
+    )
     return raise_unless_successful(found, found.result, throw)
 
 
@@ -187,11 +193,12 @@ def _periodic(
     samples: int,
     functions: int,
     basis: AbstractBasis | None,
+    curved: bool,
 ) -> PeriodicResponse:
     steady = steady_state(drive, point, throw=False)
     lin = linearize(steady, Legendre(_FINE) if basis is None else basis, throw=False)
     frequency = base * point.speed(drive) / (drive.drives @ drive.radii)
-    whole = motion_model(lin, damping)
+    whole = motion_model(lin, damping, span_paths(drive, steady) if curved else None)
     driver, load = load_series(lin, forcing, frequency * lin.scales.time, damping)
     count = functions if basis is None else basis.size
     if basis is None:

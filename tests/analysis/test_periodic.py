@@ -14,7 +14,11 @@ from drives import example
 
 import beltjax as bj
 from beltjax.analysis.damping import damping_matrix
+from beltjax.analysis.motion import Excited, load_series, motion_model, oscillator, span_paths
+from beltjax.analysis.orbit_measures import Signals, measures
 from beltjax.compiling.quick import quickly_compiled
+from beltjax.numerics.periodic import periodic_orbit
+from beltjax.physics.motion import stretching
 
 CASES = json.loads((Path(__file__).parents[1] / "data" / "periodic.json").read_text())
 RPM = 2 * np.pi / 60
@@ -216,9 +220,6 @@ def test_two_hundred_periods_from_rest_end_on_the_orbit():
     )
     lin = found.linearization
     size, period = len(lin.mass), float(found.period)
-    from beltjax.analysis.motion import motion_model
-    from beltjax.physics.motion import stretching
-
     whole = motion_model(lin, MODAL)
     unit, w = lin.scales.time, found.frequency
 
@@ -348,3 +349,44 @@ def test_what_is_wrong_whatever_the_numbers(orders, options, words):
     drive, point = example("three_pulley")
     with pytest.raises(ValueError, match=words):
         bj.periodic_response(drive, point, orders(), **options)
+
+
+@pytest.mark.slow
+def test_stored_case_of_an_arm_at_large_angles():
+    # It adds the exact path of the arm to the drive of a linear arm, damped as that is, whose
+    # steady state is not one of the exact arm: the mean moves there.
+    drive, point = example("three_pulley")
+    steady = bj.steady_state(drive, running(point, 2000))
+    lin = bj.linearize(steady, bj.Legendre(24))
+    paths = span_paths(drive, steady)
+    model, length = lin.model, lin.model.lam[:, None]
+    paths = eqx.tree_at(
+        lambda p: (p.first, p.second, p.counted),
+        paths,
+        (
+            (model.pull + model.a * model.drop[:, None]) * length,
+            model.a[:, :, None] * model.a[:, None, :] * length[:, :, None],
+            jnp.ones(()),
+        ),
+    )
+    forcing = crank(0.1).forcing(drive.pulley_names, 8)
+    frequency = 2 * 2000 * RPM * lin.scales.time
+
+    def move(lin, paths):
+        driver, load = load_series(lin, forcing, frequency, MODAL)
+        whole = motion_model(lin, MODAL, paths)
+        excited = Excited(whole, frequency, driver, load)
+        orbit = periodic_orbit(oscillator, excited, 8, 64)
+        return orbit, measures(Signals(lin, whole, orbit.coefficients, driver), 64)
+
+    orbit, found = quickly_compiled(move)(lin, paths)
+    assert orbit.converged
+    case = CASES["3p_exact_arm"]
+    arm, mean = (case["measures"][key] for key in ("arm_peak_to_peak", "arm_mean"))
+    assert found.travels[0] == pytest.approx(arm, rel=case["arm_pp_change"])
+    assert found.mean_motions[0] == pytest.approx(mean, rel=case["relative_change"])
+    for ours, theirs in COMPARED:
+        expected = np.array(list(case["measures"][theirs].values()))
+        values = np.asarray(getattr(found, ours))
+        size = case["relative_change"] * np.abs(expected).max()
+        np.testing.assert_allclose(values, expected, rtol=0, atol=size)

@@ -5,11 +5,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from drives import at_groups, vibrating
+from bodies_cases import SLIDE, TWO_ARMS, load, swap
+from drives import EXAMPLES, at_groups, example, vibrating
 from numpy.polynomial import legendre
 
 import beltjax as bj
-from beltjax.analysis.motion import layered_shapes, motion_model, narrowed, widened
+from beltjax.analysis.motion import (
+    layered_shapes,
+    motion_model,
+    narrowed,
+    span_paths,
+    widened,
+)
 from beltjax.compiling.quick import quickly_compiled
 from beltjax.physics import motion, vibration
 from beltjax.physics.vibration import Motion
@@ -59,7 +66,8 @@ def test_energy_is_that_of_the_drive_by_quadrature(linearized):
 
 
 def test_force_is_the_gradient_of_the_energy(linearized):
-    whole = motion_model(linearized, NONE)
+    drive, point = at_groups(vibrating("three_pulley"), 0.06, 0.5)
+    whole = motion_model(linearized, NONE, paths_of(drive, point)[0])
     z = jnp.asarray(state(linearized, 1))
     expected = jax.grad(lambda z: motion.energy(whole, z, 0 * z))(z)
     found = whole.stiffness @ z + motion.stretching(whole, z)
@@ -133,3 +141,45 @@ def test_a_string_has_no_layers():
     np.testing.assert_allclose(
         np.abs(shapes @ shapes.transpose(0, 2, 1) @ expected), expected, atol=1e-13
     )
+
+
+def paths_of(drive, point):
+    curved = eqx.tree_at(lambda d: d.model.arm_curvature, drive, jnp.asarray(1.0))
+    steady = bj.steady_state(curved, point)
+    return span_paths(curved, steady), steady
+
+
+@pytest.mark.parametrize("case", ["three_pulley", "clockwise", "two arms", "slide"])
+def test_exact_strain_of_the_bodies(tmp_path, case):
+    texts = {"two arms": TWO_ARMS, "slide": SLIDE}
+    drive, point = load(tmp_path, texts[case]) if case in texts else example("three_pulley")
+    if case == "clockwise":
+        text = (EXAMPLES / "three_pulley.toml").read_text()
+        drive, point = load(tmp_path, mirrored(text))
+    paths, steady = paths_of(drive, point)
+    units, length = steady.groups.units, steady.scales.length
+    q = 0.1 * jnp.linspace(0.7, 1.0, len(units))
+    none = jnp.zeros(len(q))
+    # The derivatives that are taken off are its own.
+    first, second = (derived(paths.elongations)(none) for derived in (jax.jacfwd, jax.hessian))
+    np.testing.assert_allclose(first, paths.first, atol=1e-13)
+    np.testing.assert_allclose(second, paths.second, atol=1e-12)
+    # All spans together gain what the path does.
+    running = steady.reference.coordinates + steady.coordinate_change
+    here, there = bj.layout(drive, running), bj.layout(drive, running + q * units)
+    gained = float(jnp.sum(there.path_lengths - here.path_lengths) / length)
+    assert float(jnp.sum(paths.elongations(q))) == pytest.approx(gained, abs=1e-14)
+    far, near = paths.beyond(q), paths.beyond(q / 2)
+    np.testing.assert_allclose(8 * near, far, atol=0.2 * np.abs(far).max())  # of third order
+
+
+def mirrored(text):
+    """A drive in a mirror: y upside down, the list and the arm's angle the other way round."""
+    drive = text.replace('listed = "counterclockwise"', 'listed = "clockwise"')
+    for old, new in (
+        ("[0.5525, 0.0556]", "[0.5525, -0.0556]"),
+        ("[0.3477, 0.05715]", "[0.3477, -0.05715]"),
+        ("[0.2508, 0.0635]", "[0.2508, -0.0635]"),
+    ):
+        drive = swap(drive, old, new)
+    return drive
