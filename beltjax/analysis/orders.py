@@ -6,9 +6,11 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Complex
+from jaxtyping import Array, Complex, Float
 
 from beltjax.analysis.response import Excitation
+from beltjax.drive.components import as_real
+from beltjax.drive.operation import ExcitationGiven
 
 _FINEST = 64  # denominator of an order
 
@@ -18,6 +20,9 @@ class Forcing(NamedTuple):
 
     crank: Complex[Array, " harmonics"]  # [rad]
     torques: Complex[Array, "harmonics pulleys"]  # [N m]
+
+
+ORDER = 2.0  # of a four-cylinder engine's firing, where none is given
 
 
 class Orders(eqx.Module):
@@ -80,3 +85,42 @@ class Orders(eqx.Module):
             crank = crank.at[place].add(one.crank)
             torques = torques.at[place].add(one.on(names))
         return Forcing(crank, torques)
+
+
+def orders_of(given: ExcitationGiven) -> Orders:
+    """The orders of a drive file's excitation, whose numbers must not be traced."""
+    if given.orders:
+        parts: dict[float, list[Excitation]] = {}
+        for one in given.orders:
+            turn = jnp.exp(1j * one.phase)
+            torques = {name: turn * size for name, size in one.torque.items()}
+            parts.setdefault(one.order, []).append(Excitation(turn * one.crank, torques))
+        return Orders({order: _together(same) for order, same in parts.items()})
+    order = ORDER if given.order is None else float(given.order)
+    return Orders({order: _single(given)})
+
+
+def given_forcing(
+    given: ExcitationGiven, names: tuple[str, ...], harmonics: int
+) -> tuple[Forcing, Float[Array, ""]]:
+    """The excitation of a drive file by harmonics, and the order of its period.
+
+    Raises `ValueError` as `Orders.forcing` does.
+    """
+    if given.orders:
+        orders = orders_of(given)
+        return orders.forcing(names, harmonics), jnp.asarray(orders.base)
+    # A single order may be traced: it is the period's.
+    order = as_real(ORDER) if given.order is None else given.order
+    return Orders({1.0: _single(given)}).forcing(names, harmonics), order
+
+
+def _single(given: ExcitationGiven) -> Excitation:
+    return Excitation(0.0 if given.crank is None else given.crank, dict(given.torque))
+
+
+def _together(parts: list[Excitation]) -> Excitation:
+    """The sum of excitations of one order."""
+    names = dict.fromkeys(name for part in parts for name in part.torques)
+    torques = {name: sum(part.torques.get(name, 0.0) for part in parts) for name in names}
+    return Excitation(sum(part.crank for part in parts), torques)

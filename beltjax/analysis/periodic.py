@@ -21,11 +21,11 @@ from beltjax.analysis.motion import (
     widened,
 )
 from beltjax.analysis.orbit_measures import Measures, Signals, measures
-from beltjax.analysis.orders import Forcing, Orders
+from beltjax.analysis.orders import Forcing, Orders, given_forcing
 from beltjax.analysis.steady import steady_state
 from beltjax.compiling.quick import boundary_jit, usual_promotion
 from beltjax.drive.canonical import canonical, strongly_typed
-from beltjax.drive.components import concrete
+from beltjax.drive.components import as_real, concrete
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis, Legendre
@@ -109,7 +109,7 @@ class PeriodicResponse(eqx.Module):
 def periodic_response(
     drive: Drive,
     point: OperatingPoint,
-    orders: Orders,
+    orders: Orders | None = None,
     *,
     harmonics: int = 12,
     samples: int | None = None,
@@ -132,7 +132,7 @@ def periodic_response(
     Args:
         drive: the drive.
         point: speeds and torques.
-        orders: what excites the drive.
+        orders: what excites the drive; the point's own `excitation` unless given.
         harmonics: of the period that all orders have in common.
         samples: points of time at which the tension is evaluated; 8 per harmonic unless given.
         functions: for the deflection of each span. From 8 on four of them are the layers at the
@@ -146,8 +146,8 @@ def periodic_response(
         The motion with its stability and its extremes.
 
     Raises:
-        ValueError: an inertia is missing, harmonics or samples are too few, or the excitation
-            names a pulley that is not there.
+        ValueError: an inertia or an excitation is missing, harmonics or samples are too few, or the
+            excitation names a pulley that is not there.
         AnalysisError: the result is a failure, and `throw` is set.
 
     Examples:
@@ -160,15 +160,27 @@ def periodic_response(
     samples = _PER_HARMONIC * harmonics if samples is None else samples
     _require_resolution(harmonics, samples, functions)
     damping = Damping() if damping is None else damping
-    orders, damping = strongly_typed((orders, damping))
-    forcing = orders.forcing(drive.pulley_names, harmonics)
-    speed = jnp.asarray(orders.base)
+    forcing, base = _forcing(drive, point, orders, harmonics)
+    forcing, damping = strongly_typed((forcing, damping))
     flag = concrete(drive.model.arm_curvature)
     curved = bool(drive.tensioners) and (flag is None or bool(flag.any()))
     found = _periodic(
-        *canonical(drive, point), forcing, speed, damping, samples, functions, basis, curved
+        *canonical(drive, point), forcing, base, damping, samples, functions, basis, curved
     )
     return raise_unless_successful(found, found.result, throw)
+
+
+def _forcing(
+    drive: Drive, point: OperatingPoint, orders: Orders | None, harmonics: int
+) -> tuple[Forcing, Float[Array, ""]]:
+    """What excites the drive by harmonics of the period, and the order of that."""
+    names = drive.pulley_names
+    if orders is not None:
+        return strongly_typed(orders).forcing(names, harmonics), jnp.asarray(orders.base)
+    if point.excitation is None:
+        raise ValueError("orders: found none, and the point has no excitation; give Orders(...).")
+    forcing, base = given_forcing(point.excitation, names, harmonics)
+    return forcing, as_real(base)
 
 
 def _require_resolution(harmonics: int, samples: int, functions: int) -> None:

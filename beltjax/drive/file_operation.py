@@ -150,6 +150,11 @@ def _require_taker(name: str, key: str, takes: bool, wheels: Wheels, path: objec
 def _require_excited(file: DriveTable, wheels: Wheels, path: object) -> None:
     if file.excitation is None:
         return
+    single = [key for key in ("crank", "order") if file.excitation.number(key) is not None]
+    single += ["torque"] if file.excitation.torque else []
+    if file.excitation.orders and single:
+        message = "stands beside orders; remove it, or make it one of them"
+        raise FileError(path, f"excitation.{single[0]}", message)
     tables = {"excitation": file.excitation.torque}
     tables |= {
         f"excitation.orders.{k}": one.torque for k, one in enumerate(file.excitation.orders, 1)

@@ -371,7 +371,7 @@ class ExcitationTable(Table):
     orders: Annotated[
         list[OrderTable],
         Field(default_factory=list),
-        meaning("tables of more orders, for `beltjax periodic`"),
+        meaning("tables of several orders, for `beltjax periodic`, in place of the others"),
     ]
 
 

@@ -16,8 +16,10 @@ from beltjax.files.fields import number
 class OrderGiven(Readable):
     """One of several orders of an excitation, amplitude cos(order psi + phase)."""
 
-    order: Float[Array, ""] = eqx.field(
-        converter=as_real,
+    # Its ratio to the other orders decides which harmonics are excited: it is not differentiated.
+    order: float = eqx.field(
+        static=True,
+        converter=float,
         metadata=number("", "per rotation of the driver, a whole number or a half", above=0),
     )
     crank: Float[Array, ""] = eqx.field(
@@ -38,8 +40,8 @@ class OrderGiven(Readable):
 class ExcitationGiven(Readable):
     """Excitation that the drive file gives: the default of `beltjax response` and `periodic`.
 
-    Amplitudes are zero to peak, at `order` times the driver's speed. `orders`, which are counted in
-    addition, are for `periodic` alone.
+    Amplitudes are zero to peak, at `order` times the driver's speed. In place of them, for
+    `periodic` alone, there may be several `orders`.
     """
 
     crank: Float[Array, ""] | None = eqx.field(

@@ -122,6 +122,26 @@ def test_bad_input_is_one_line_and_writes_nothing(run, tmp_path, words, message)
     assert not (tmp_path / "p.json").exists()
 
 
+def test_one_order_goes_with_the_file_and_several_do_not(run, tmp_path):
+    (tmp_path / "one.toml").write_text(THREE + '\n[excitation]\ncrank = "0.1 deg"\norder = 3\n')
+    _, out, _ = run("periodic", "one.toml", *SMALL, "--json", "-")
+    assert json.loads(out)["orders"] == [3.0]
+    _, out, _ = run("periodic", "one.toml", *SMALL, "--json", "-", "--order", 2)
+    assert json.loads(out)["orders"] == [2.0]
+    several = THREE + '\n[excitation]\norders = [{ order = 2, crank = "1 deg" }]\n'
+    (tmp_path / "several.toml").write_text(several)
+    status, _, err = run("periodic", "several.toml", "--order", 2)
+    assert status == 1
+    assert "excitation.orders are several" in err
+    status, _, err = run("response", "several.toml")
+    assert status == 1
+    assert "has excitation.orders, which are for `periodic`" in err
+    (tmp_path / "both.toml").write_text(several + 'crank = "1 deg"\n')
+    status, _, err = run("periodic", "both.toml")
+    assert status == 1
+    assert re.search(r"excitation\.crank: stands beside orders", err)
+
+
 BAD_TABLES = {
     "no order": ('[{ crank = "1 deg" }]', r"excitation\.orders.*order"),
     "key": ('[{ order = 2, crnk = "1 deg" }]', r"excitation\.orders.*crnk"),

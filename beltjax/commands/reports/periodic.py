@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from beltjax.analysis.damping import Damping
-from beltjax.analysis.orders import Orders
+from beltjax.analysis.orders import ORDER, Orders, orders_of
 from beltjax.analysis.periodic import PeriodicResponse, periodic_response
 from beltjax.analysis.response import Excitation
 from beltjax.commands.reports.arguments import (
@@ -21,7 +21,7 @@ from beltjax.commands.reports.arguments import (
 )
 from beltjax.commands.reports.documents import Document, Maybe, Part, meaning, model_flags, plain
 from beltjax.commands.reports.report import Report
-from beltjax.commands.reports.response import MODAL_DAMPING, ORDER, commanded
+from beltjax.commands.reports.response import MODAL_DAMPING, commanded
 from beltjax.commands.reports.states import Kind, kind_of
 from beltjax.commands.reports.tables import number, plain_table
 from beltjax.commands.reports.units import TableUnits
@@ -199,45 +199,33 @@ def _orders(
             raise FileError("--orders", "", f"found {text!r}; give an amplitude above 0")
         excitations = {order: Excitation(crank=crank) for order, crank in cranks.items()}
         return read_option("--orders", lambda: Orders(excitations))
-    file = point.excitation
-    order = given.order
-    if order is None:
-        order = ORDER if file is None or file.order is None else float(file.order)
     if single:
         crank, torques = commanded(drive, given.crank, given.torques)
         if not (crank or any(torques.values())):
             raise FileError("--crank", "", "nothing is excited; give an amplitude above 0")
+        order = _order(point, given)
         return read_option("--order", lambda: Orders({order: Excitation(crank, torques)}))
-    excitations = _of_file(point, order)
-    if not excitations:
+    if point.excitation is None:
         message = "is not excited; give --crank, --orders, --torque NAME=AMPLITUDE or [excitation]"
         raise FileError(path, "", message)
+    file = point.excitation
+    if given.order is not None:
+        if file.orders:
+            raise FileError(
+                "--order", "", "is one, and excitation.orders are several; leave it out"
+            )
+        file = dataclasses.replace(file, order=given.order)
     try:
-        return Orders(excitations)
+        return orders_of(file)
     except ValueError as error:
         raise FileError(path, "excitation", str(error)) from error
 
 
-def _of_file(point: OperatingPoint, order: float) -> dict[float, Excitation]:
-    """The orders of a file's [excitation], of which its `orders` are added to the first."""
+def _order(point: OperatingPoint, given: PeriodicOptions) -> float:
+    if given.order is not None:
+        return given.order
     file = point.excitation
-    if file is None:
-        return {}
-    parts: list[tuple[float, complex, dict[str, complex]]] = []
-    main = {name: complex(size) for name, size in file.torque.items()}
-    parts.append((order, 0j if file.crank is None else complex(file.crank), main))
-    for one in file.orders:
-        turn = complex(np.exp(1j * float(one.phase)))
-        torques = {name: turn * float(size) for name, size in one.torque.items()}
-        parts.append((float(one.order), turn * float(one.crank), torques))
-    found: dict[float, Excitation] = {}
-    for place, crank, torques in parts:
-        if crank or any(torques.values()):
-            old = found.get(place, Excitation())
-            names = [*old.torques, *torques]
-            both = {name: old.torques.get(name, 0.0) + torques.get(name, 0.0) for name in names}
-            found[place] = Excitation(old.crank + crank, both)
-    return found
+    return ORDER if file is None or file.order is None else float(file.order)
 
 
 def periodic_document(

@@ -12,6 +12,7 @@ from rich.console import Group
 from rich.markup import escape
 
 from beltjax.analysis.damping import Damping
+from beltjax.analysis.orders import ORDER
 from beltjax.analysis.response import Excitation, Response, speed_response
 from beltjax.analysis.sweep import CHUNK
 from beltjax.commands.reports.arguments import read_amplitude, read_named, read_option, read_range
@@ -39,7 +40,6 @@ from beltjax.files.errors import FileError
 from beltjax.results import explanations
 
 MODAL_DAMPING = 0.02
-ORDER = 2.0  # of a four-cylinder engine's firing
 
 
 class SwingPart(Part):
@@ -149,6 +149,8 @@ def _excitation(
     crank = 0.0 if crank is None else crank
     if not (float(crank) or any(map(float, torques.values()))):
         message = "is not excited; give --crank, --torque NAME=AMPLITUDE or a table [excitation]"
+        if file is not None and file.orders:
+            message = "has excitation.orders, which are for `periodic`; give --crank or --torque"
         raise FileError(path, "", message)
     # A torque on every pulley, most of them zero, so that all excitations compile once.
     return Excitation(crank, {name: torques.get(name, 0.0) for name in drive.pulley_names})

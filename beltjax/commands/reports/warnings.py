@@ -199,7 +199,7 @@ def response_warnings(drive: Drive, found: Response) -> Warnings:
         return stiff
     text = (
         "the fluctuation of a tension exceeds the running tension, where a span goes slack and "
-        f"linear amplitudes do not hold: {', '.join(slack)}"
+        f"linear amplitudes do not hold: {', '.join(slack)}; `beltjax periodic` finds the motion"
     )
     return [*stiff, {"code": "span_slackens", "text": text}]
 
