@@ -9,6 +9,7 @@ from .analysis.contact_path import belt_pieces as belt_pieces
 from .analysis.contact_path import span_deflection as span_deflection
 from .analysis.damping import Damping as Damping
 from .analysis.duties import duty_states as duty_states
+from .analysis.friction import lock_torque as lock_torque
 from .analysis.linearization import Linearization as Linearization
 from .analysis.linearization import linearize as linearize
 from .analysis.modes import Modes as Modes

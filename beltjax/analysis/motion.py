@@ -15,7 +15,13 @@ from beltjax.analysis.steady import SteadyState
 from beltjax.drive.layout import belt_path, outline
 from beltjax.drive.system import Drive
 from beltjax.numerics.periodic import Oscillator, series
-from beltjax.physics.motion import MotionModel, SpanPaths, quadratic_strains, stretching
+from beltjax.physics.motion import (
+    MotionModel,
+    SpanPaths,
+    dry_friction,
+    quadratic_strains,
+    stretching,
+)
 
 LAYERED = 8  # functions of a span from which four of them are its ends' layers
 _LAYERS = 4
@@ -45,6 +51,8 @@ def motion_model(
         pull=lin.model.lam * lin.model.Q,
         bodies=quadratic_strains(lin.model),
         paths=paths,
+        friction=lin.steady.groups.frictions * lin.model.movable,
+        friction_speed=lin.steady.groups.friction_speeds,
         functions=lin.basis.size,
     )
 
@@ -155,6 +163,7 @@ def oscillator(excited: Excited, part: Float[Array, ""]) -> Oscillator:
         z: Float[Array, " size"], rate: Float[Array, " size"], phase: Float[Array, ""]
     ) -> Float[Array, " size"]:
         of = part * series(phase, harmonics)
-        return stretching(m, z, of @ excited.driver) - of @ excited.load
+        elastic = stretching(m, z, of @ excited.driver)
+        return elastic + dry_friction(m, rate) - of @ excited.load
 
     return Oscillator(m.mass, m.damping, m.stiffness, excited.frequency, force)

@@ -10,9 +10,9 @@ from jaxtyping import Array, Float, Int
 
 from beltjax.analysis.linearization import Linearization
 from beltjax.drive.readable import Readable
-from beltjax.numerics.periodic import Coefficients, series
+from beltjax.numerics.periodic import Coefficients, derived, series
 from beltjax.numerics.roots import solve_dense
-from beltjax.physics.motion import MotionModel, strains
+from beltjax.physics.motion import MotionModel, dry_friction, strains
 
 _TIMES = 4  # points of time per sample of the orbit, from which extremes are refined
 _PLACES = 33  # points of a span
@@ -31,6 +31,7 @@ class Measures(Readable):
     travels: Float[Array, " tensioners"]  # peak to peak [rad] or [m]
     mean_motions: Float[Array, " tensioners"]  # [rad] or [m]
     greatest_motions: Float[Array, "tensioners 2"]  # least and greatest [rad] or [m]
+    friction_work: Float[Array, " tensioners"]  # of their dry friction over a period [J]
     tension_min: Float[Array, " spans"]  # [N]
     tension_max: Float[Array, " spans"]  # [N]
     slack_fractions: Float[Array, " spans"]  # part of the period with a tension below 0
@@ -48,6 +49,7 @@ class Signals(eqx.Module):
     model: MotionModel
     coefficients: Coefficients
     driver: Float[Array, " terms"]
+    frequency: Float[Array, ""]  # dimensionless
 
     def state(self, phase: Float[Array, ""]) -> tuple[Float[Array, " size"], Float[Array, ""]]:
         """Coordinates and the driver's rotation."""
@@ -111,6 +113,7 @@ def measures(signals: Signals, samples: int) -> Measures:
         travels=motions[1] - motions[0],
         mean_motions=lin.split(signals.coefficients[0])[2] * lin.units,
         greatest_motions=motions.T,
+        friction_work=_friction_work(signals, phases) * lin.scales.energy,
         tension_min=steady.running_tensions + gains[0],
         tension_max=steady.running_tensions + gains[1],
         slack_fractions=jnp.mean(slack.astype(float), axis=0),
@@ -119,6 +122,20 @@ def measures(signals: Signals, samples: int) -> Measures:
         hub_load_max=loads[1],
         slip_exponent_max=use[1],
     )
+
+
+def _friction_work(signals: Signals, phases: Float[Array, " times"]) -> Float[Array, " tensioners"]:
+    """Work of dry friction over a period, of each body."""
+    X, model = signals.coefficients, signals.model
+    count = len(model.friction)
+
+    # Speeds are derivatives by the phase here, and so is the work: w drops out but in tanh.
+    def at(phase: Float[Array, ""]) -> Float[Array, " tensioners"]:
+        rate = series(phase, len(X) // 2) @ derived(X)
+        force = dry_friction(model, signals.frequency * rate)
+        return (force * rate)[len(rate) - count :]
+
+    return 2 * jnp.pi * jnp.mean(jax.vmap(at)(phases), axis=0)
 
 
 def extremes(

@@ -121,7 +121,8 @@ def periodic_response(
     """Periodic motion of finite amplitude under crank motion and torques at orders of the speed.
 
     The spans stretch by the squares of their slopes and of the tensioners' motions, so that
-    tension and deflection act on each other; docs/theory/motion.md. Small amplitudes give
+    tension and deflection act on each other; dry friction of the tensioners is counted.
+    docs/theory/motion.md. Small amplitudes give
     `speed_response`. The motion is the one that grows from rest with the excitation.
 
     The result is that of the steady state, or `orbit_not_found`, or `numbers_unusable` for an
@@ -134,7 +135,8 @@ def periodic_response(
         point: speeds and torques.
         orders: what excites the drive; the point's own `excitation` unless given.
         harmonics: of the period that all orders have in common.
-        samples: points of time at which the tension is evaluated; 8 per harmonic unless given.
+        samples: points of time at which forces are evaluated; 8 per harmonic unless given, and
+            16 of a drive with dry friction.
         functions: for the deflection of each span. From 8 on four of them are the layers at the
             span's ends, the others polynomials; below all are polynomials, and 0 leaves the
             spans straight.
@@ -157,7 +159,8 @@ def periodic_response(
         >>> found = bj.periodic_response(drive, point, orders, damping=damping)
         >>> found.measures.tension_min, found.stable
     """
-    samples = _PER_HARMONIC * harmonics if samples is None else samples
+    per_harmonic = _PER_HARMONIC * (2 if _has_kinks(drive) else 1)
+    samples = per_harmonic * harmonics if samples is None else samples
     _require_resolution(harmonics, samples, functions)
     damping = Damping() if damping is None else damping
     forcing, base = _forcing(drive, point, orders, harmonics)
@@ -181,6 +184,12 @@ def _forcing(
         raise ValueError("orders: found none, and the point has no excitation; give Orders(...).")
     forcing, base = given_forcing(point.excitation, names, harmonics)
     return forcing, as_real(base)
+
+
+def _has_kinks(drive: Drive) -> bool:
+    """Whether forces of the drive turn round quickly, so that they need more samples."""
+    frictions = [concrete(body.friction_torque) for body in drive.tensioners]
+    return any(friction is None or bool(friction.any()) for friction in frictions)
 
 
 def _require_resolution(harmonics: int, samples: int, functions: int) -> None:
@@ -221,7 +230,7 @@ def _periodic(
     excited = Excited(model, frequency * lin.scales.time, driver, narrowed(shapes, load))
     excited = frozen_where_failed(excited, lin.result)
     orbit = periodic_orbit(oscillator, excited, len(forcing.crank) - 1, samples)
-    signals = Signals(lin, whole, widened(shapes, orbit.coefficients), driver)
+    signals = Signals(lin, whole, widened(shapes, orbit.coefficients), driver, excited.frequency)
     found = measures(signals, samples)
     use = _friction_use(drive, lin, found)
     floquet = multipliers(oscillator, excited, orbit.coefficients)

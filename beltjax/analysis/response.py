@@ -145,7 +145,7 @@ def frequency_response(
     """
     damping = Damping() if damping is None else damping
     frequencies = jnp.atleast_1d(as_real(frequencies))
-    _require_frequencies(frequencies)
+    require_frequencies(frequencies)
     if exact:
         _require_closed_form(linearization, damping)
     excitation = strongly_typed(excitation)
@@ -178,7 +178,8 @@ def _response(
     return frozen_where_failed(answer, answer.result)
 
 
-def _require_frequencies(frequencies: Array) -> None:
+def require_frequencies(frequencies: Array) -> None:
+    """Raise `ValueError` unless there are frequencies, all of them positive."""
     if frequencies.size == 0:
         raise ValueError("frequencies: found none; give at least one [rad/s].")
     numbers = concrete(frequencies)
@@ -202,6 +203,23 @@ def _by_basis(
     damping: Damping,
 ) -> Fields:
     """Coordinates, strains and peaks at one frequency by the linearization's basis."""
+    z = jnp.linalg.solve(*equations_at(lin, omega, crank, forces, damping))
+    strains = lin.elongations @ z + lin.driving * crank
+    _, rotations, moved = lin.split(z)
+    peaks = jax.vmap(lambda i: _peak(lambda x, order: lin.deflection(z, i, x, order)))(
+        jnp.arange(lin.spans)
+    )
+    return z, rotations, moved, strains, peaks
+
+
+def equations_at(
+    lin: Linearization,
+    omega: Float[Array, ""],
+    crank: Complex[Array, ""],
+    forces: Complex[Array, " pulleys"],
+    damping: Damping,
+) -> tuple[Complex[Array, "size size"], Complex[Array, " size"]]:
+    """Matrix and load of the coordinates' equations at one frequency (V16), dimensionless."""
     C = lin.gyroscopic + damping_matrix(lin, damping)
     factor = 1 + 1j * omega * damping.stiffness / lin.scales.time  # of a damped stiffness
     pencil = lin.stiffness - omega**2 * lin.mass + 1j * omega * C
@@ -209,14 +227,7 @@ def _by_basis(
     load = -factor * crank * (lin.elongations.T @ (work * lin.driving))
     n = lin.spans * lin.basis.size
     on_rotors = moments_on_rotors(lin, omega, crank, forces, damping, factor)
-    load = load.at[n : n + len(lin.rotors)].add(on_rotors)
-    z = jnp.linalg.solve(pencil, load)
-    strains = lin.elongations @ z + lin.driving * crank
-    _, rotations, moved = lin.split(z)
-    peaks = jax.vmap(lambda i: _peak(lambda x, order: lin.deflection(z, i, x, order)))(
-        jnp.arange(lin.spans)
-    )
-    return z, rotations, moved, strains, peaks
+    return pencil, load.at[n : n + len(lin.rotors)].add(on_rotors)
 
 
 def _peak(deflection: Callable[[Array, int], Array]) -> Float[Array, ""]:
@@ -229,10 +240,10 @@ def _peak(deflection: Callable[[Array, int], Array]) -> Float[Array, ""]:
     step = jnp.where(second < 0, -first / jnp.where(second < 0, second, 1.0), 0.0)
     # The slope vanishes at the peak, so that a move of its place changes nothing to first order.
     place = jnp.clip(best + jnp.clip(step, -1 / _POINTS, 1 / _POINTS), 0.0, 1.0)
-    return _modulus(deflection(place, 0))
+    return modulus(deflection(place, 0))
 
 
-def _modulus(w: Complex[Array, "..."]) -> Float[Array, "..."]:
+def modulus(w: Complex[Array, "..."]) -> Float[Array, "..."]:
     """|w|, with derivative 0 at 0."""
     square = w.real**2 + w.imag**2
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
@@ -281,7 +292,7 @@ def _exactly(
     moved = z[lin.spans + len(lin.rotors) :] * m.movable
     rotations = jnp.zeros(m.turns.shape[1], complex).at[lin.rotors].set(turning)
     fine = jnp.linspace(0.0, 1.0, 8 * _POINTS + 1)
-    peaks = jnp.max(_modulus(spans_in_motion(m, of, delta, moved, fine)), axis=1)
+    peaks = jnp.max(modulus(spans_in_motion(m, of, delta, moved, fine)), axis=1)
     return None, rotations, moved, delta / scale, peaks
 
 
@@ -301,10 +312,10 @@ def _in_newtons(
     # Pulley i is pulled along the span that starts there and against the one that ends there.
     along = lin.steady.reference.layout.directions
     pulls = tensions[..., None] * along
-    hub = _modulus(pulls - jax.vmap(loops.preceding)(pulls))
+    hub = modulus(pulls - jax.vmap(loops.preceding)(pulls))
     driven = jnp.zeros(m.turns.shape[1]).at[lin.driver].set(1.0 - lin.free)
     rotations = rotations + crank * driven
-    swing = _modulus(tensions)
+    swing = modulus(tensions)
     running = lin.steady.running_tensions
     slack = jnp.where(swing > 0, running / jnp.where(swing > 0, swing, 1.0), jnp.inf)
     answer = Response(
@@ -371,7 +382,7 @@ def speed_response(
         >>> bj.speed_response(drive, point, speeds, bj.Excitation(crank=0.01)).span_peaks  # [m]
     """
     driver_speeds = jnp.atleast_1d(as_real(driver_speeds))
-    _require_frequencies(driver_speeds)
+    require_frequencies(driver_speeds)
     basis = Legendre(16) if basis is None else basis
     damping = Damping() if damping is None else damping
     excitation, damping = strongly_typed((excitation, damping))

@@ -25,6 +25,7 @@ STIFFNESS = {"rotary": "N m/rad", "linear": "N/m"}
 DAMPING = {"rotary": "N m s/rad", "linear": "N s/m"}
 INERTIA = {"rotary": "kg m^2", "linear": "kg"}
 FORCE = {"rotary": "N m", "linear": "N"}
+SPEED = {"rotary": "rad/s", "linear": "m/s"}
 LARGEST_BARE_RADIUS = 5.0  # [m]; above it most bare numbers are millimeters
 
 
@@ -288,6 +289,28 @@ class Tensioner(Readable):
             "counterclockwise, or along `direction`",
             design=True,
             rare=True,
+        ),
+    )
+    friction_torque: Float[Array, ""] = eqx.field(
+        converter=as_real,
+        default=0.0,
+        metadata=number(
+            FORCE,
+            "of dry friction against its motion, for periodic motion; of a linear one a force",
+            at_least=0,
+            rare=True,
+        ),
+    )
+    friction_speed: Float[Array, ""] = eqx.field(
+        converter=as_real,
+        default=0.02,
+        metadata=number(
+            SPEED,
+            "at which that friction turns round, as tanh(speed/friction_speed): a fiftieth of the "
+            "largest speed for 1 %; 0.02 unless given",
+            above=0,
+            rare=True,
+            beside="friction_torque",
         ),
     )
     locked: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # 1: bolted

@@ -91,7 +91,15 @@ class PulleyTable(Table):
 @numbers_of(
     Tensioner,
     "rotary",
-    only=("pivot", "stiffness", "inertia", "damping", "stops"),
+    only=(
+        "pivot",
+        "stiffness",
+        "inertia",
+        "damping",
+        "stops",
+        "friction_torque",
+        "friction_speed",
+    ),
     required=("pivot", "stiffness"),
     docs={
         "pivot": "`[x, y]`; with the pulley's center it gives the arm",

@@ -7,7 +7,7 @@
 
 Spans stretch quasi-statically, so that all that is nonlinear in a drive is one number a span: the
 functions have unit slopes, and N is half the sum of their squares and a quadratic form of the
-bodies' coordinates. M, G and K are those of `vibration`; docs/theory/motion.md, (O1) to (O4).
+bodies' coordinates. M, G and K are those of `vibration`; docs/theory/motion.md, (O1) to (O5).
 """
 
 import equinox as eqx
@@ -76,6 +76,8 @@ class MotionModel(eqx.Module):
     pull: Spans  # lam Q
     bodies: Float[Array, "spans coordinates coordinates"]  # N of the bodies is q.bodies q/2 ..
     paths: SpanPaths | None  # .. and what these add to it; None: nothing
+    friction: Float[Array, " coordinates"]  # dry, of the bodies
+    friction_speed: Float[Array, " coordinates"]
     functions: int = eqx.field(static=True)  # of each span
 
     def parts(self, z: State) -> tuple[Float[Array, "spans n"], Float[Array, " coordinates"]]:
@@ -117,6 +119,8 @@ def projected(model: MotionModel, shapes: Float[Array, "spans n fewer"]) -> Moti
         pull=m.pull,
         bodies=m.bodies,
         paths=m.paths,
+        friction=m.friction,
+        friction_speed=m.friction_speed,
         functions=fewer,
     )
 
@@ -151,6 +155,13 @@ def stretching(model: MotionModel, z: State, theta: Scalar | float = 0.0) -> Sta
         (held,) = jax.vjp(lambda z: beyond_second(m, z), z)[1](m.pull)
         force = force + held
     return (m.work * beyond) @ m.elongations + force
+
+
+def dry_friction(model: MotionModel, rate: State) -> State:
+    """The force of dry friction against the bodies' motion, T tanh(q'/v) (O5)."""
+    count = len(model.friction)
+    on_bodies = model.friction * jnp.tanh(rate[len(rate) - count :] / model.friction_speed)
+    return jnp.concatenate([jnp.zeros(len(rate) - count), on_bodies])
 
 
 def energy(model: MotionModel, z: State, rate: State) -> Scalar:

@@ -377,7 +377,7 @@ def test_stored_case_of_an_arm_at_large_angles():
         whole = motion_model(lin, MODAL, paths)
         excited = Excited(whole, frequency, driver, load)
         orbit = periodic_orbit(oscillator, excited, 8, 64)
-        return orbit, measures(Signals(lin, whole, orbit.coefficients, driver), 64)
+        return orbit, measures(Signals(lin, whole, orbit.coefficients, driver, frequency), 64)
 
     orbit, found = quickly_compiled(move)(lin, paths)
     assert orbit.converged

@@ -67,6 +67,7 @@ class MovedCoordinatePart(Part):
     kind: Kind
     peak_to_peak: Maybe
     mean: Maybe = meaning("from the steady state")
+    friction_work: Maybe = meaning("J over a period, of dry friction")
 
 
 class MotionPart(Part):
@@ -265,7 +266,10 @@ def _motion(drive: Drive, speed: float, found: PeriodicResponse) -> dict[str, An
     floquet = np.asarray(found.multipliers).tolist() if good else []
     friction = [pulley.friction is not None for pulley in drive.pulleys]
     coordinates = listed(
-        [body.name for body in drive.tensioners], peak_to_peak=m.travels, mean=m.mean_motions
+        [body.name for body in drive.tensioners],
+        peak_to_peak=m.travels,
+        mean=m.mean_motions,
+        friction_work=m.friction_work,
     )
     for one, body in zip(coordinates, drive.tensioners, strict=True):
         one["kind"] = kind_of(body)
