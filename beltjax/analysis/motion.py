@@ -13,8 +13,10 @@ from beltjax.analysis.orders import Forcing
 from beltjax.analysis.response import moments_on_rotors
 from beltjax.analysis.steady import SteadyState
 from beltjax.drive.layout import belt_path, outline
+from beltjax.drive.shafts import rotors
 from beltjax.drive.system import Drive
-from beltjax.numerics.periodic import Oscillator, series
+from beltjax.numerics.periodic import Oscillator, derived, series
+from beltjax.physics.joints import Joints
 from beltjax.physics.motion import (
     MotionModel,
     SpanPaths,
@@ -37,7 +39,10 @@ class Excited(NamedTuple):
 
 
 def motion_model(
-    linearization: Linearization, damping: Damping, paths: SpanPaths | None = None
+    linearization: Linearization,
+    damping: Damping,
+    paths: SpanPaths | None = None,
+    joints: Joints | None = None,
 ) -> MotionModel:
     """The drive of `linearization` in motion, whose driver's rotation is given."""
     lin = linearization
@@ -53,6 +58,7 @@ def motion_model(
         paths=paths,
         friction=lin.steady.groups.frictions * lin.model.movable,
         friction_speed=lin.steady.groups.friction_speeds,
+        joints=joints,
         functions=lin.basis.size,
     )
 
@@ -80,6 +86,26 @@ def span_paths(drive: Drive, steady: SteadyState) -> SpanPaths:
         units=steady.groups.span_ratios,
         counted=jax.lax.stop_gradient(drive.model.arm_curvature),
         loops=loops,
+    )
+
+
+def joints_of(drive: Drive, lin: Linearization, damping: Damping) -> Joints:
+    """The isolators of the drive, some of which are clutches, dimensionless."""
+    parts, scales = drive.isolators, lin.scales
+    wind_ups = rotors(drive).wind_ups
+    n = lin.spans * lin.basis.size
+    rows = jnp.zeros((len(parts), len(lin.mass)))
+    rows = rows.at[:, n : n + len(lin.rotors)].set(wind_ups[:, lin.rotors])
+    stiffness = jnp.stack([part.stiffness for part in parts])
+    damped = jnp.stack([part.damping for part in parts]) * damping.arm
+    flags = jax.lax.stop_gradient(jnp.stack([part.pulleys for part in parts]))
+    return Joints(
+        rows=rows,
+        driving=wind_ups[:, lin.driver],
+        steady=flags @ lin.steady.reference.torques / stiffness,
+        stiffness=stiffness / scales.energy,
+        damping=damped / (scales.energy * scales.time),
+        clutch=jax.lax.stop_gradient(jnp.stack([part.law for part in parts])),
     )
 
 
@@ -139,7 +165,8 @@ def load_series(
         omega: Float[Array, ""], crank: Complex[Array, ""], torques: Complex[Array, " pulleys"]
     ) -> Complex[Array, " size"]:
         lag = 1j * omega * damping.stiffness / lin.scales.time  # of a damped stiffness
-        load = -lag * crank * (lin.elongations.T @ (m.lam * m.gam * lin.driving))
+        of_belt = lag + 1j * omega * damping.belt / lin.scales.time
+        load = -of_belt * crank * (lin.elongations.T @ (m.lam * m.gam * lin.driving))
         forces = torques / lin.scales.energy
         moments = moments_on_rotors(lin, omega, crank, forces, damping, 1 + lag)
         n = lin.spans * lin.basis.size
@@ -163,7 +190,11 @@ def oscillator(excited: Excited, part: Float[Array, ""]) -> Oscillator:
         z: Float[Array, " size"], rate: Float[Array, " size"], phase: Float[Array, ""]
     ) -> Float[Array, " size"]:
         of = part * series(phase, harmonics)
-        elastic = stretching(m, z, of @ excited.driver)
-        return elastic + dry_friction(m, rate) - of @ excited.load
+        theta = of @ excited.driver
+        found = stretching(m, z, theta) + dry_friction(m, rate) - of @ excited.load
+        if m.joints is None:
+            return found
+        turning = excited.frequency * (of @ derived(excited.driver[:, None])[:, 0])
+        return found + m.joints.force(z, rate, theta, turning)
 
     return Oscillator(m.mass, m.damping, m.stiffness, excited.frequency, force)

@@ -32,6 +32,7 @@ class Measures(Readable):
     mean_motions: Float[Array, " tensioners"]  # [rad] or [m]
     greatest_motions: Float[Array, "tensioners 2"]  # least and greatest [rad] or [m]
     friction_work: Float[Array, " tensioners"]  # of their dry friction over a period [J]
+    open_fractions: Float[Array, " isolators"]  # part of the period in which a clutch is open
     tension_min: Float[Array, " spans"]  # [N]
     tension_max: Float[Array, " spans"]  # [N]
     slack_fractions: Float[Array, " spans"]  # part of the period with a tension below 0
@@ -114,6 +115,7 @@ def measures(signals: Signals, samples: int) -> Measures:
         mean_motions=lin.split(signals.coefficients[0])[2] * lin.units,
         greatest_motions=motions.T,
         friction_work=_friction_work(signals, phases) * lin.scales.energy,
+        open_fractions=_open_fractions(signals, phases),
         tension_min=steady.running_tensions + gains[0],
         tension_max=steady.running_tensions + gains[1],
         slack_fractions=jnp.mean(slack.astype(float), axis=0),
@@ -122,6 +124,15 @@ def measures(signals: Signals, samples: int) -> Measures:
         hub_load_max=loads[1],
         slip_exponent_max=use[1],
     )
+
+
+def _open_fractions(signals: Signals, phases: Float[Array, " times"]) -> Float[Array, " isolators"]:
+    """Part of the period in which each clutch is open, without a derivative; springs never are."""
+    joints = signals.model.joints
+    if joints is None:
+        return jnp.zeros(0)
+    wound = jax.vmap(lambda phase: joints.wind_ups(*signals.state(phase)))(phases)
+    return joints.clutch * jnp.mean((wound < 0).astype(float), axis=0)
 
 
 def _friction_work(signals: Signals, phases: Float[Array, " times"]) -> Float[Array, " tensioners"]:

@@ -1,6 +1,6 @@
 """Periodic vibration of finite amplitude: harmonic balance, stability, and its derivatives."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import equinox as eqx
 import jax
@@ -12,6 +12,7 @@ from beltjax.analysis.damping import Damping
 from beltjax.analysis.linearization import Linearization, linearize
 from beltjax.analysis.motion import (
     Excited,
+    joints_of,
     layered_shapes,
     load_series,
     motion_model,
@@ -121,7 +122,8 @@ def periodic_response(
     """Periodic motion of finite amplitude under crank motion and torques at orders of the speed.
 
     The spans stretch by the squares of their slopes and of the tensioners' motions, so that
-    tension and deflection act on each other; dry friction of the tensioners is counted.
+    tension and deflection act on each other; dry friction of the tensioners and clutches
+    (`Isolator.law`) are counted.
     docs/theory/motion.md. Small amplitudes give
     `speed_response`. The motion is the one that grows from rest with the excitation.
 
@@ -136,7 +138,7 @@ def periodic_response(
         orders: what excites the drive; the point's own `excitation` unless given.
         harmonics: of the period that all orders have in common.
         samples: points of time at which forces are evaluated; 8 per harmonic unless given, and
-            16 of a drive with dry friction.
+            16 of a drive with dry friction or a clutch.
         functions: for the deflection of each span. From 8 on four of them are the layers at the
             span's ends, the others polynomials; below all are polynomials, and 0 leaves the
             spans straight.
@@ -159,16 +161,17 @@ def periodic_response(
         >>> found = bj.periodic_response(drive, point, orders, damping=damping)
         >>> found.measures.tension_min, found.stable
     """
-    per_harmonic = _PER_HARMONIC * (2 if _has_kinks(drive) else 1)
+    frictions = [body.friction_torque for body in drive.tensioners]
+    loose = _any_of([part.law for part in drive.isolators])
+    per_harmonic = _PER_HARMONIC * (2 if loose or _any_of(frictions) else 1)
     samples = per_harmonic * harmonics if samples is None else samples
     _require_resolution(harmonics, samples, functions)
     damping = Damping() if damping is None else damping
     forcing, base = _forcing(drive, point, orders, harmonics)
     forcing, damping = strongly_typed((forcing, damping))
-    flag = concrete(drive.model.arm_curvature)
-    curved = bool(drive.tensioners) and (flag is None or bool(flag.any()))
+    curved = bool(drive.tensioners) and _any_of([drive.model.arm_curvature])
     found = _periodic(
-        *canonical(drive, point), forcing, base, damping, samples, functions, basis, curved
+        *canonical(drive, point), forcing, base, damping, samples, functions, basis, curved, loose
     )
     return raise_unless_successful(found, found.result, throw)
 
@@ -186,10 +189,9 @@ def _forcing(
     return forcing, as_real(base)
 
 
-def _has_kinks(drive: Drive) -> bool:
-    """Whether forces of the drive turn round quickly, so that they need more samples."""
-    frictions = [concrete(body.friction_torque) for body in drive.tensioners]
-    return any(friction is None or bool(friction.any()) for friction in frictions)
+def _any_of(flags: Sequence[Array]) -> bool:
+    """Whether one of the numbers may be other than 0: all that are traced may be."""
+    return any((value := concrete(flag)) is None or bool(value.any()) for flag in flags)
 
 
 def _require_resolution(harmonics: int, samples: int, functions: int) -> None:
@@ -215,11 +217,13 @@ def _periodic(
     functions: int,
     basis: AbstractBasis | None,
     curved: bool,
+    loose: bool,
 ) -> PeriodicResponse:
     steady = steady_state(drive, point, throw=False)
     lin = linearize(steady, Legendre(_FINE) if basis is None else basis, throw=False)
     frequency = base * point.speed(drive) / (drive.drives @ drive.radii)
-    whole = motion_model(lin, damping, span_paths(drive, steady) if curved else None)
+    paths = span_paths(drive, steady) if curved else None
+    whole = motion_model(lin, damping, paths, joints_of(drive, lin, damping) if loose else None)
     driver, load = load_series(lin, forcing, frequency * lin.scales.time, damping)
     count = functions if basis is None else basis.size
     if basis is None:

@@ -188,9 +188,11 @@ def require_frequencies(frequencies: Array) -> None:
 
 
 def _require_closed_form(lin: Linearization, damping: Damping) -> None:
-    modal, stiffness = concrete(damping.modal), concrete(damping.stiffness)
-    if (modal is not None and modal.any()) or (stiffness is not None and stiffness.any()):
-        raise ValueError("exact: modal and stiffness damping have no closed form; leave them out.")
+    given = concrete(damping.modal), concrete(damping.stiffness), concrete(damping.belt)
+    if any(value is not None and value.any() for value in given):
+        raise ValueError(
+            "exact: modal, stiffness and belt damping have no closed form; leave them out."
+        )
     if lin.mixed or lin.free:
         raise ValueError("exact: leave out free, fixed_steady and fixed_bending.")
 
@@ -224,7 +226,8 @@ def equations_at(
     factor = 1 + 1j * omega * damping.stiffness / lin.scales.time  # of a damped stiffness
     pencil = lin.stiffness - omega**2 * lin.mass + 1j * omega * C
     work = lin.model.lam * lin.model.gam
-    load = -factor * crank * (lin.elongations.T @ (work * lin.driving))
+    of_belt = factor + 1j * omega * damping.belt / lin.scales.time
+    load = -of_belt * crank * (lin.elongations.T @ (work * lin.driving))
     n = lin.spans * lin.basis.size
     on_rotors = moments_on_rotors(lin, omega, crank, forces, damping, factor)
     return pencil, load.at[n : n + len(lin.rotors)].add(on_rotors)

@@ -18,6 +18,7 @@ SENSES = {"counterclockwise": 1.0, "clockwise": -1.0}
 TENSIONS_OF = ("belt", "string")
 TRAVELS = {"listed": 1.0, "opposite": -1.0}
 KINDS = {"rotary": 1.0, "linear": 0.0}
+LAWS = {"spring": 0.0, "spring-clutch": 1.0}
 NO_STOPS = (-np.inf, np.inf)
 # Units of a coordinate and of what goes with it, by the kind of tensioner.
 COORDINATE = {"rotary": "rad", "linear": "m"}
@@ -72,6 +73,11 @@ def as_flags(value: Any) -> Array:
     """A sequence of numbers, or one number, as a vector."""
     flags = as_real(value)
     return flags if flags.ndim else flags[None]
+
+
+def as_law(value: Any) -> Array:
+    """1 for a spring-clutch between rim and hub, 0 for a spring."""
+    return as_sign(LAWS, value)
 
 
 def as_kind(value: Any) -> Array:
@@ -350,8 +356,12 @@ class Isolator(Readable):
     """A torsion spring between the rim of a pulley, on which the belt runs, and its hub.
 
     Torque and `Pulley.inertia` belong to the hub. `pulleys` is 1 at the places of the pulleys whose
-    rim it carries; several share one rim.
+    rim it carries; several share one rim. A "spring-clutch" lets the hub overrun the rim: it pulls
+    only while it is wound up, and remembers the angle of overrun (Zhu and Parker, 2005). Small
+    motion leaves it wound up, so that it is a spring but for `periodic_response`.
     """
+
+    words: ClassVar = {"law": LAWS}
 
     pulleys: Float[Array, " pulleys"] = eqx.field(converter=as_flags)
     stiffness: Float[Array, ""] = eqx.field(
@@ -368,6 +378,7 @@ class Isolator(Readable):
         default=0.0,
         metadata=number("N m s/rad", "for the forced response", at_least=0),
     )
+    law: Float[Array, ""] = eqx.field(converter=as_law, default="spring")  # 1: a spring-clutch
     name: str = eqx.field(static=True, default="")  # that of its first pulley unless given
 
 

@@ -254,7 +254,13 @@ class IsolatorTable(Table):
         Annotated[list[str], Field(min_length=1)] | None,
         meaning("the names of several of one shaft that share a rim"),
     ] = None
-    law: Annotated[str, meaning('`"spring"` (default)')] = "spring"
+    law: Annotated[
+        str,
+        meaning(
+            '`"spring"` (default), or `"spring-clutch"`, which lets the hub overrun the rim '
+            "(in `beltjax periodic`)"
+        ),
+    ] = "spring"
     one_way: Annotated[bool, meaning("`false`")] = False
     stops: Annotated[Any, meaning("not modeled yet")] = None
 

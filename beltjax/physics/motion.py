@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 
 from beltjax.numerics.loops import Loops
 from beltjax.numerics.rigid_bodies import Bodies, moved
+from beltjax.physics.joints import Joints
 from beltjax.physics.vibration import VibrationModel
 
 Scalar = Float[Array, ""]
@@ -78,6 +79,7 @@ class MotionModel(eqx.Module):
     paths: SpanPaths | None  # .. and what these add to it; None: nothing
     friction: Float[Array, " coordinates"]  # dry, of the bodies
     friction_speed: Float[Array, " coordinates"]
+    joints: Joints | None  # those of pulleys that are not springs alone
     functions: int = eqx.field(static=True)  # of each span
 
     def parts(self, z: State) -> tuple[Float[Array, "spans n"], Float[Array, " coordinates"]]:
@@ -103,12 +105,16 @@ def projected(model: MotionModel, shapes: Float[Array, "spans n fewer"]) -> Moti
 
     def rows(matrix: Float[Array, "size *columns"]) -> Float[Array, "less *columns"]:
         belt = matrix[: spans * n].reshape(spans, n, -1)
-        belt = jnp.einsum("inf,inc->ifc", shapes, belt).reshape(spans * fewer, -1)
+        belt = jnp.einsum("inf,inc->ifc", shapes, belt)
+        belt = belt.reshape(spans * fewer, matrix.shape[1])  # there may be no functions
         return jnp.concatenate([belt, matrix[spans * n :]])
 
     def square(matrix: Float[Array, "size size"]) -> Float[Array, "less less"]:
         return rows(rows(matrix).T).T
 
+    joints = m.joints
+    if joints is not None:
+        joints = eqx.tree_at(lambda j: j.rows, joints, rows(joints.rows.T).T)
     return MotionModel(
         mass=square(m.mass),
         damping=square(m.damping),
@@ -121,6 +127,7 @@ def projected(model: MotionModel, shapes: Float[Array, "spans n fewer"]) -> Moti
         paths=m.paths,
         friction=m.friction,
         friction_speed=m.friction_speed,
+        joints=joints,
         functions=fewer,
     )
 

@@ -70,6 +70,13 @@ class MovedCoordinatePart(Part):
     friction_work: Maybe = meaning("J over a period, of dry friction")
 
 
+class MovedIsolatorPart(Part):
+    """An isolator in periodic motion."""
+
+    name: str
+    open_fraction: Maybe = meaning("part of the period in which a clutch is open; 0 of a spring")
+
+
 class MotionPart(Part):
     """The periodic motion at one speed."""
 
@@ -80,6 +87,7 @@ class MotionPart(Part):
     pulleys: list[MovedPulleyPart]
     spans: list[MovedSpanPart]
     coordinates: list[MovedCoordinatePart] = meaning("of each tensioner")
+    isolators: list[MovedIsolatorPart]
     residual: Maybe = meaning("last correction over the size of the motion")
     harmonics_error: Maybe = meaning("size of the last two harmonics over that of all")
     conditioning: Maybe = meaning("distance from a fold: 0 at one")
@@ -273,6 +281,8 @@ def _motion(drive: Drive, speed: float, found: PeriodicResponse) -> dict[str, An
     )
     for one, body in zip(coordinates, drive.tensioners, strict=True):
         one["kind"] = kind_of(body)
+    # Without a clutch none is asked for.
+    opened = m.open_fractions if len(m.open_fractions) else np.zeros(len(drive.isolators))
     tight = good and bool(np.min(m.tension_min) >= 0)
     return {
         "driver_speed": speed,
@@ -295,6 +305,7 @@ def _motion(drive: Drive, speed: float, found: PeriodicResponse) -> dict[str, An
             slack_fraction=m.slack_fractions,
         ),
         "coordinates": coordinates,
+        "isolators": listed([part.name for part in drive.isolators], open_fraction=opened),
         "residual": plain(found.stats["residual"]) if good else None,
         "harmonics_error": plain(found.error) if good else None,
         "conditioning": plain(found.conditioning) if good else None,
