@@ -22,6 +22,8 @@ from .analysis.orbit_measures import Measures as Measures
 from .analysis.orders import Orders as Orders
 from .analysis.periodic import PeriodicResponse as PeriodicResponse
 from .analysis.periodic import periodic_response as periodic_response
+from .analysis.periodic_branch import PeriodicBranch as PeriodicBranch
+from .analysis.periodic_branch import periodic_branch as periodic_branch
 from .analysis.reference import ReferenceState as ReferenceState
 from .analysis.reference import reference_state as reference_state
 from .analysis.response import Excitation as Excitation

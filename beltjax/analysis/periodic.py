@@ -1,6 +1,7 @@
 """Periodic vibration of finite amplitude: harmonic balance, stability, and its derivatives."""
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -30,8 +31,8 @@ from beltjax.drive.components import as_real, concrete
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis, Legendre
-from beltjax.numerics.periodic import multipliers, periodic_orbit
-from beltjax.physics.motion import projected
+from beltjax.numerics.periodic import Orbit, multipliers, periodic_orbit
+from beltjax.physics.motion import MotionModel, projected
 from beltjax.results import (
     RESULTS,
     first_failure,
@@ -161,19 +162,60 @@ def periodic_response(
         >>> found = bj.periodic_response(drive, point, orders, damping=damping)
         >>> found.measures.tension_min, found.stable
     """
+    asked = asked_of(
+        drive, point, orders, Resolution(harmonics, samples, functions, basis), damping
+    )
+    found = _periodic(*canonical(drive, point), asked)
+    return raise_unless_successful(found, found.result, throw)
+
+
+class Resolution(NamedTuple):
+    """How finely a motion is resolved, as `periodic_response` takes it."""
+
+    harmonics: int
+    samples: int | None
+    functions: int
+    basis: AbstractBasis | None
+
+
+class Asked(eqx.Module):
+    """What a motion is asked for, beside the drive; the harmonics are those of the forcing."""
+
+    forcing: Forcing
+    base: Float[Array, ""]  # order of the period
+    damping: Damping
+    basis: AbstractBasis | None
+    samples: int = eqx.field(static=True)
+    functions: int = eqx.field(static=True)
+    curved: bool = eqx.field(static=True)  # bodies may move on exact paths
+    loose: bool = eqx.field(static=True)  # joints may be clutches
+
+
+def asked_of(
+    drive: Drive,
+    point: OperatingPoint,
+    orders: Orders | None,
+    how: Resolution,
+    damping: Damping | None,
+) -> Asked:
+    """The question of `periodic_response` for compiled code; raises `ValueError` as that does."""
     frictions = [body.friction_torque for body in drive.tensioners]
     loose = _any_of([part.law for part in drive.isolators])
     per_harmonic = _PER_HARMONIC * (2 if loose or _any_of(frictions) else 1)
-    samples = per_harmonic * harmonics if samples is None else samples
-    _require_resolution(harmonics, samples, functions)
-    damping = Damping() if damping is None else damping
-    forcing, base = _forcing(drive, point, orders, harmonics)
-    forcing, damping = strongly_typed((forcing, damping))
-    curved = bool(drive.tensioners) and _any_of([drive.model.arm_curvature])
-    found = _periodic(
-        *canonical(drive, point), forcing, base, damping, samples, functions, basis, curved, loose
+    samples = per_harmonic * how.harmonics if how.samples is None else how.samples
+    _require_resolution(how.harmonics, samples, how.functions)
+    forcing, base = _forcing(drive, point, orders, how.harmonics)
+    forcing, damping = strongly_typed((forcing, Damping() if damping is None else damping))
+    return Asked(
+        forcing=forcing,
+        base=base,
+        damping=damping,
+        basis=how.basis,
+        samples=samples,
+        functions=how.functions,
+        curved=bool(drive.tensioners) and _any_of([drive.model.arm_curvature]),
+        loose=loose,
     )
-    return raise_unless_successful(found, found.result, throw)
 
 
 def _forcing(
@@ -206,47 +248,64 @@ def _require_resolution(harmonics: int, samples: int, functions: int) -> None:
         raise ValueError(f"functions: found {functions}; give 0 to {_FINE}, or a basis.")
 
 
-@boundary_jit
-def _periodic(
-    drive: Drive,
-    point: OperatingPoint,
-    forcing: Forcing,
-    base: Float[Array, ""],
-    damping: Damping,
-    samples: int,
-    functions: int,
-    basis: AbstractBasis | None,
-    curved: bool,
-    loose: bool,
-) -> PeriodicResponse:
+class Prepared(NamedTuple):
+    """A drive at an operating point, ready to be moved."""
+
+    drive: Drive
+    linearization: Linearization
+    model: MotionModel  # in the linearization's coordinates
+    shapes: Float[Array, "spans n functions"]  # of the functions that are counted
+    excited: Excited  # in those
+    frequency: Float[Array, ""]  # [rad/s]
+    samples: int
+    result: RESULTS
+
+
+def prepared(drive: Drive, point: OperatingPoint, asked: Asked) -> Prepared:
+    """The equations of a drive's motion at an operating point."""
     steady = steady_state(drive, point, throw=False)
-    lin = linearize(steady, Legendre(_FINE) if basis is None else basis, throw=False)
-    frequency = base * point.speed(drive) / (drive.drives @ drive.radii)
-    paths = span_paths(drive, steady) if curved else None
-    whole = motion_model(lin, damping, paths, joints_of(drive, lin, damping) if loose else None)
-    driver, load = load_series(lin, forcing, frequency * lin.scales.time, damping)
-    count = functions if basis is None else basis.size
-    if basis is None:
-        shapes = layered_shapes(lin, count)
+    basis = Legendre(_FINE) if asked.basis is None else asked.basis
+    lin = linearize(steady, basis, throw=False)
+    frequency = asked.base * point.speed(drive) / (drive.drives @ drive.radii)
+    paths = span_paths(drive, steady) if asked.curved else None
+    joints = joints_of(drive, lin, asked.damping) if asked.loose else None
+    whole = motion_model(lin, asked.damping, paths, joints)
+    w = frequency * lin.scales.time
+    driver, load = load_series(lin, asked.forcing, w, asked.damping)
+    if asked.basis is None:
+        shapes = layered_shapes(lin, asked.functions)
     else:
-        shapes = jnp.broadcast_to(jnp.eye(count), (lin.spans, count, count))
-    model = projected(whole, shapes)
-    excited = Excited(model, frequency * lin.scales.time, driver, narrowed(shapes, load))
-    excited = frozen_where_failed(excited, lin.result)
-    orbit = periodic_orbit(oscillator, excited, len(forcing.crank) - 1, samples)
-    signals = Signals(lin, whole, widened(shapes, orbit.coefficients), driver, excited.frequency)
-    found = measures(signals, samples)
-    use = _friction_use(drive, lin, found)
-    floquet = multipliers(oscillator, excited, orbit.coefficients)
-    size = jnp.linalg.norm(orbit.coefficients)
+        shapes = jnp.broadcast_to(jnp.eye(basis.size), (lin.spans, basis.size, basis.size))
+    excited = Excited(projected(whole, shapes), w, driver, narrowed(shapes, load))
     result = first_failure(
         (~succeeded(lin.result), lin.result),
         (~jnp.all(jnp.isfinite(load)), RESULTS.numbers_unusable),
-        (~orbit.converged, RESULTS.orbit_not_found),
+    )
+    excited = frozen_where_failed(excited, result)
+    return Prepared(drive, lin, whole, shapes, excited, frequency, asked.samples, result)
+
+
+@boundary_jit
+def _periodic(drive: Drive, point: OperatingPoint, asked: Asked) -> PeriodicResponse:
+    made = prepared(drive, point, asked)
+    harmonics = len(asked.forcing.crank) - 1
+    return described(made, periodic_orbit(oscillator, made.excited, harmonics, made.samples))
+
+
+def described(made: Prepared, orbit: Orbit) -> PeriodicResponse:
+    """The answer about an orbit of the drive."""
+    lin, driver, w = made.linearization, made.excited.driver, made.excited.frequency
+    signals = Signals(lin, made.model, widened(made.shapes, orbit.coefficients), driver, w)
+    found = measures(signals, made.samples)
+    use = _friction_use(made.drive, lin, found)
+    floquet = multipliers(oscillator, made.excited, orbit.coefficients)
+    size = jnp.linalg.norm(orbit.coefficients)
+    result = first_failure(
+        (~succeeded(made.result), made.result), (~orbit.converged, RESULTS.orbit_not_found)
     )
     answer = PeriodicResponse(
         coefficients=signals.coefficients,
-        frequency=frequency,
+        frequency=made.frequency,
         driver=driver,
         multipliers=floquet,
         measures=found,

@@ -51,6 +51,11 @@ def _document() -> type["Document"]:
     help="Run the driver at this speed, or over this range; as the file says unless given.",
 )
 @click.option(
+    "--branch",
+    type=click.Choice(["up", "down"]),
+    help="Follow the motion over the range of speeds, from its lower or upper end, through folds.",
+)
+@click.option(
     "--modal-damping", type=float, help="Damp every mode by this ratio; 0.02 unless given."
 )
 @click.option(
@@ -78,6 +83,7 @@ def periodic(
     order: float | None,
     orders: str | None,
     speeds: str | None,
+    branch: str | None,
     modal_damping: float | None,
     harmonics: int,
     functions: int,
@@ -92,7 +98,7 @@ def periodic(
         from beltjax.commands.reports.periodic import PeriodicOptions, periodic_report
 
         given = PeriodicOptions(
-            crank, torque, order, orders, speeds, modal_damping, harmonics, functions, duty
+            crank, torque, order, orders, speeds, modal_damping, harmonics, functions, duty, branch
         )
         return periodic_report(drive_file, given, figure, advance, si)
 

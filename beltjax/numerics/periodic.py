@@ -285,6 +285,15 @@ def periodic_orbit(
     return Orbit(coefficients, end.step, end.converged, end.steps, conditioning)
 
 
+def known_orbit(system: Oscillator, X: Coefficients, samples: int) -> Orbit:
+    """The evidence of an orbit that is found already; it has no derivatives."""
+    factors = _factored(jacobian(system, X, samples))
+    left = factors.solve(residual(system, X, samples).ravel())
+    step = jnp.linalg.norm(left) / (jnp.linalg.norm(X) + _TINY)
+    yes, none = jnp.array(True), jnp.array(0)
+    return Orbit(X, step, yes, none, _conditioning(system, len(X), factors))
+
+
 def _conditioning(system: Oscillator, terms: int, factors: _Eliminated) -> Scalar:
     """Least singular value of the Jacobian over the stiffness and inertia of each coordinate.
 

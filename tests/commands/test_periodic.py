@@ -95,7 +95,23 @@ def test_a_pulley_that_slips_and_a_motion_that_is_not_found_end_with_2(run):
     assert document["periodic"][0]["spans"][0]["tension_min"] is None
 
 
+def test_a_branch_goes_through_the_range(run):
+    words = "--crank", "0.1 deg", "--speeds", "2200 rpm:2250 rpm", "--branch", "down"
+    status, out, _ = run(
+        "periodic", DRIVE, *words, "--functions", 1, "--harmonics", 2, "--json", "-"
+    )
+    document = json.loads(out)
+    assert status == 0
+    assert document["success"]
+    speeds = [part["driver_speed"] for part in document["periodic"]]
+    assert speeds[0] == pytest.approx(2250 * np.pi / 30)
+    assert speeds[-1] < 2200 * np.pi / 30
+    assert document["folds"] == []
+    assert all(part["success"] for part in document["periodic"])
+
+
 BAD = {
+    "one speed": (["--crank", "1 deg", "--branch", "up"], r"--branch: goes with a range of speeds"),
     "nothing": ([], r"three_pulley\.toml: is not excited; give --crank, --orders"),
     "zero": (["--crank", "0"], r"--crank: nothing is excited"),
     "both": (["--orders", "2=1 deg", "--crank", "1 deg"], r"--orders: stands beside --crank"),

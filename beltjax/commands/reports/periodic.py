@@ -13,6 +13,7 @@ from rich.table import Table
 from beltjax.analysis.damping import Damping
 from beltjax.analysis.orders import ORDER, Orders, orders_of
 from beltjax.analysis.periodic import PeriodicResponse, periodic_response
+from beltjax.analysis.periodic_branch import PeriodicBranch, periodic_branch
 from beltjax.analysis.response import Excitation
 from beltjax.commands.reports.arguments import (
     read_excited_orders,
@@ -100,12 +101,16 @@ class PeriodicDocument(Document):
     """`beltjax periodic`."""
 
     drive: str
-    success: bool = meaning("whether a motion was found at every speed")
+    success: bool = meaning(
+        "whether a motion was found at every speed, or the branch was followed to an end"
+    )
     feasible: bool = meaning("whether at every speed all spans stay tight and no pulley slips")
     orders: list[float] = meaning("of the excitation, per rotation of the driver")
     harmonics: int
     functions: int = meaning("of each span")
-    periodic: list[MotionPart] = meaning("by speed")
+    periodic: list[MotionPart] = meaning("by speed, or along the branch")
+    folds: list[float] = meaning("rad/s, driver's speeds at which the branch turns back")
+    flips: list[float] = meaning("rad/s, at which the period doubles; both empty without --branch")
 
 
 class PeriodicOptions(NamedTuple):
@@ -120,6 +125,7 @@ class PeriodicOptions(NamedTuple):
     harmonics: int
     functions: int
     duty: str | None = None
+    branch: str | None = None  # "up" or "down"
 
 
 def periodic_report(
@@ -140,6 +146,38 @@ def periodic_report(
     damping = read_option("--modal-damping", lambda: Damping(modal=ratio))
     # Before the first of many motions: whether there are enough harmonics.
     read_option("--harmonics", lambda: orders.forcing(drive.pulley_names, given.harmonics))
+    if given.branch is not None:
+        if len(speeds) < 2:
+            raise FileError("--branch", "", "goes with a range of speeds; give --speeds FROM:TO")
+        followed = _followed(drive, point, orders, speeds, given, damping, advance)
+        speeds, found = followed.values, list(followed.responses)
+        folds, flips, whole = plain(followed.folds), plain(followed.flips), followed.complete
+    else:
+        found = _at_each(drive, point, orders, speeds, given, damping, advance)
+        folds, flips, whole = [], [], True
+    document = periodic_document(drive, given, orders, speeds, found)
+    document |= {"folds": folds, "flips": flips}
+    document["success"] = document["success"] and whole
+    document["warnings"] += range_warnings(drive, point, speeds)
+    units = TableUnits(drive, si)
+    files: tuple[tuple[str, bytes], ...] = ()
+    if figure:
+        from beltjax.commands.reports.periodic_curves import periodic_picture  # slow to load
+
+        files = ((figure, periodic_picture(figure, drive, units, speeds, found)),)
+    return Report(document, periodic_tables(document, units), _failure(path, document), files)
+
+
+def _at_each(
+    drive: Drive,
+    point: OperatingPoint,
+    orders: Orders,
+    speeds: np.ndarray,
+    given: PeriodicOptions,
+    damping: Damping,
+    advance: Advance,
+) -> list[PeriodicResponse]:
+    """The motion that grows from rest at each speed."""
     found = []
     for k, speed in enumerate(speeds):
         advance("moving", k, len(speeds))
@@ -151,15 +189,30 @@ def periodic_report(
             )
         )  # fmt: skip
     advance("moving", len(speeds), len(speeds))
-    document = periodic_document(drive, given, orders, speeds, found)
-    document["warnings"] += range_warnings(drive, point, speeds)
-    units = TableUnits(drive, si)
-    files: tuple[tuple[str, bytes], ...] = ()
-    if figure:
-        from beltjax.commands.reports.periodic_curves import periodic_picture  # slow to load
+    return found
 
-        files = ((figure, periodic_picture(figure, drive, units, speeds, found)),)
-    return Report(document, periodic_tables(document, units), _failure(path, document), files)
+
+def _followed(
+    drive: Drive,
+    point: OperatingPoint,
+    orders: Orders,
+    speeds: np.ndarray,
+    given: PeriodicOptions,
+    damping: Damping,
+    advance: Advance,
+) -> PeriodicBranch:
+    """The branch over the range of the speeds; raises `FileError` where it does not begin."""
+    advance("following the branch", 0, None)
+    ends = (speeds[0], speeds[-1]) if given.branch == "up" else (speeds[-1], speeds[0])
+    branch = periodic_branch(
+        drive, point, orders, *map(float, ends), harmonics=given.harmonics,
+        functions=given.functions, damping=damping, throw=False,
+    )  # fmt: skip
+    if not branch.responses:
+        rpm = ends[0] * RPM
+        message = f"no motion was found at {rpm:g} rpm, where the branch begins; begin elsewhere"
+        raise FileError("--branch", "", message)
+    return branch
 
 
 def _failure(path: str | os.PathLike[str], document: dict[str, Any]) -> str:
@@ -167,15 +220,16 @@ def _failure(path: str | os.PathLike[str], document: dict[str, Any]) -> str:
     parts = document["periodic"]
     failed = [part for part in parts if not part["success"]]
     loose = [part for part in parts if part["success"] and not part["feasible"]]
+    key = "operation.driver_speed"
     if not failed and not loose:
-        return ""
+        gave_up = "the branch could not be followed to an end of the range; the points found remain"
+        return "" if document["success"] else str(FileError(path, key, gave_up))
     first = (failed or loose)[0]
     rpm = first["driver_speed"] * RPM
     count = "" if len(parts) == 1 else f" ({len(failed or loose)} of {len(parts)} speeds)"
     reason = first["failure"] or (
         "a span goes slack or a pulley slips during the motion; the warnings say which"
     )
-    key = "operation.driver_speed"
     return str(FileError(path, key, f"at {rpm:g} rpm{count}: {reason}"))
 
 
@@ -320,7 +374,12 @@ def periodic_tables(document: dict[str, Any], units: TableUnits) -> Group:
     parts = document["periodic"]
     lines = warning_lines(document)
     if len(parts) > 1:
-        return Group(*lines, _over_speeds(document, units))
+        turns = [
+            f"{what} at {', '.join(f'{speed * RPM:.1f}' for speed in document[key])} rpm"
+            for what, key in (("folds", "folds"), ("period doubles", "flips"))
+            if document[key]
+        ]
+        return Group(*lines, _over_speeds(document, units), *turns)
     return Group(*lines, *_at_one_speed(document["drive"], parts[0], units))
 
 
