@@ -40,6 +40,7 @@ from .analysis.sweep import Sweep as Sweep
 from .analysis.sweep import sweep as sweep
 from .analysis.tracking import Veering as Veering
 from .compiling.quick import quick_jit as quick_jit
+from .compiling.quick import thorough_jit as thorough_jit
 from .drive.components import ArmSpring as ArmSpring
 from .drive.components import Belt as Belt
 from .drive.components import Damper as Damper

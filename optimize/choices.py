@@ -4,11 +4,10 @@ import dataclasses
 import itertools
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 
-from beltjax.compiling.quick import quickly_compiled, usual_promotion
+from beltjax.compiling.quick import quickly_compiled, thoroughly_compiled, usual_promotion
 from beltjax.drive.components import as_real
 from beltjax.drive.numbers import with_numbers
 
@@ -88,7 +87,7 @@ def _searched(
         )
     )
     lanes = len(studies) * studies[0].starts
-    step = quickly_compiled(_step) if lanes <= FEW else eqx.filter_jit(_step)
+    step = quickly_compiled(_step) if lanes <= FEW else thoroughly_compiled(_step)
     states, timely = iterated(lambda s: step(stacked, scales, s), states, progress, deadline)
     ended = [jax.tree.map(lambda x, k=k: x[k], states) for k in range(len(studies))]
     return ended, timely

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from beltjax.drive.duties import stacked
 from beltjax.drive.loads import without_load
-from beltjax.drive.numbers import require_numbers
+from beltjax.drive.numbers import require_numbers, shift_of, unit_of
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
@@ -46,6 +46,11 @@ def number_of(value: SiOrText, unit: str, path: object, key: str) -> float:
         return to_si(value, unit)
     except ValueError as error:
         raise FileError(path, key, str(error)) from error
+
+
+def number_of_drive(drive: Drive, name: str, value: SiOrText, path: object, key: str) -> float:
+    """A value of a number of the drive [SI], of one that is counted as the drive's file does."""
+    return number_of(value, unit_of(drive, name), path, key) - shift_of(drive, name)
 
 
 def require_of_drive(

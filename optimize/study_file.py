@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from pydantic import Field
 
 from beltjax.drive.files import load_runs
-from beltjax.drive.numbers import fact_of, unit_of, variable_names
+from beltjax.drive.numbers import fact_of, shift_of, unit_of, variable_names
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
@@ -23,6 +23,7 @@ from .operating_points import (
     SiOrText,
     cases_of_duties,
     number_of,
+    number_of_drive,
     read_cases,
     require_of_drive,
 )
@@ -201,7 +202,10 @@ def _variables(file: StudyTable, drive: Drive, path: object) -> Limits:
             raise FileError(path, key, _no_such_variable(variable.name, drive, known))
         if variable.name in names:
             raise FileError(path, key, "is given twice; remove one")
-        bounds = _bounds(variable, unit_of(drive, variable.name), path, key)
+        shift = shift_of(drive, variable.name)
+        bounds = [
+            bound - shift for bound in _bounds(variable, unit_of(drive, variable.name), path, key)
+        ]
         if bounds[0] >= bounds[1]:
             found = f"found lower {variable.lower!r}, upper {variable.upper!r}"
             raise FileError(path, key, f"{found}; lower must be less than upper")
@@ -260,7 +264,7 @@ def _choice(table: ChoiceTable, drive: Drive, path: object) -> Choice:
             raise FileError(path, key, f"option {place} has no numbers; give some by their keys")
         for name in numbers:
             require_of_drive(drive, name, path, key)
-        si = {k: number_of(v, unit_of(drive, k), path, f"{key}.{k}") for k, v in numbers.items()}
+        si = {k: number_of_drive(drive, k, v, path, f"{key}.{k}") for k, v in numbers.items()}
         options.append(Option(str(given.get("label", place)), tuple(si.items())))
     return Choice(table.name, tuple(options))
 

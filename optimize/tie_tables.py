@@ -5,12 +5,19 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from beltjax.drive.numbers import full_key, is_relative, unit_of, value_of, variable_names
+from beltjax.drive.numbers import (
+    full_key,
+    is_relative,
+    shift_of,
+    unit_of,
+    value_of,
+    variable_names,
+)
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
 from beltjax.files.tables import Table
 
-from .operating_points import SiOrText, number_of
+from .operating_points import SiOrText, number_of, number_of_drive
 from .study import Limits, Snap, Ties
 
 _LOOSE = 1e-6  # of a variable's range: a tie that the drive does not keep better is refused
@@ -45,6 +52,8 @@ def read_ties(tables: list[TieTable], variables: Limits, drive: Drive, path: obj
             message = f"found {table.to!r}, which is no [[variable]]; give one of {known}"
             raise FileError(path, f"{key}.to", message)
         factor, offset = _factors(table, drive, key, path)
+        # The line holds for the numbers as the file counts them.
+        offset += factor * shift_of(drive, table.to) - shift_of(drive, table.name)
         _require_kept(table, (factor, offset), variables, drive, path)
         taken[full] = "is tied twice"
         factors.append(factor)
@@ -80,7 +89,9 @@ def _require_kept(
     wanted = factor * float(value_of(drive, table.to)) + offset
     own = float(value_of(drive, table.name))
     if abs(own - wanted) > _LOOSE * size:
-        message = f"the drive has {own:.6g}, and by this tie it would have {wanted:.6g}"
+        shift = shift_of(drive, table.name)
+        message = f"the drive has {own + shift:.9g}, and by this tie it would have "
+        message += f"{wanted + shift:.9g}"
         raise FileError(path, f"tie.{table.name}", f"{message}; change the drive or the tie")
 
 
@@ -94,8 +105,7 @@ def read_snap(name: str, given: Any, variables: Limits, drive: Drive, path: obje
     if isinstance(given, str):
         values = _on_sale(given, name, (lower, upper), drive, key, path)
     else:
-        unit = unit_of(drive, name)
-        values = [number_of(v, unit, path, f"{key}[{i}]") for i, v in enumerate(given)]
+        values = [number_of_drive(drive, name, v, path, f"{key}[{i}]") for i, v in enumerate(given)]
     inside = sorted({value for value in values if lower <= value <= upper})
     if not inside:
         raise FileError(path, key, "has no value within the variable's bounds; widen them")

@@ -1,8 +1,10 @@
 """The code blocks of the documentation's pages run, and their assertions hold."""
 
+import ast
 import doctest
 import re
 import shutil
+import sys
 from pathlib import Path
 
 import jax
@@ -159,8 +161,21 @@ WITH_EXAMPLES = sorted(name for name, thing in PUBLIC.items() if examples_of(thi
 def test_examples_of_docstrings_run(name, monkeypatch, own_registries):
     monkeypatch.chdir(ROOT)
     names: dict = {"bj": bj, "jax": jax, "jnp": jnp}
-    for example in examples_of(PUBLIC[name]):
+    shown: list = []
+    monkeypatch.setattr(sys, "displayhook", shown.append)
+    examples = examples_of(PUBLIC[name])
+    for example in examples:
         exec(compile(example.source, name, "single"), names)
+    last = ast.parse(examples[-1].source).body[-1]
+    if not isinstance(last, ast.Expr):  # what it defines is what it is about
+        assert isinstance(last, ast.FunctionDef | ast.ClassDef)
+        assert last.name in names
+        return
+    results = shown[-1] if isinstance(shown[-1], tuple) else (shown[-1],)
+    assert not any(result is None for result in results)
+    for result in results:
+        if isinstance(result, float | np.ndarray | jax.Array):
+            assert np.isfinite(result).all(), examples[-1].source
 
 
 @pytest.mark.slow  # up to a minute each, most of it compiling

@@ -42,7 +42,14 @@ from beltjax.results import (
 )
 
 Law = str | AbstractBeltLaw
-NO_SLIP = "a toothed belt does not slip: contact mechanics adds nothing to geometry and tensions;"
+_NO_SLIP = (
+    "is of a toothed belt, which does not slip: contact mechanics adds nothing to geometry and "
+    "tensions; `beltjax analyze` and `bj.steady_state` give them"
+)
+_OF_OTHERS = (
+    ". Belts that share shafts are found together, and none can be left out: for the others "
+    "describe a drive without this belt, with its torque on the pulleys that share its shafts"
+)
 _SLIPPING = 1e-9  # adhesion below minus this is gross slip [rad]
 # Where a search ends without a belt, at the last step of load (1/64) that had one:
 _BARE = 0.05  # of the tension at rest: a least P at a contact below it was about to be lost
@@ -171,20 +178,39 @@ def _contact(
     drive: Drive, point: OperatingPoint, law: Law, maximum: bool, throw: bool
 ) -> ContactState:
     question = contact_question(law, maximum)
-    if len(drive.belts) > 1 and point.mass_flow is not None:
-        raise ValueError("OperatingPoint.mass_flow is that of a single belt; this drive has more.")
-    toothed = next((belt.name for belt in drive.belts if belt.pitch is not None), None)
-    if toothed is not None:
-        raise ValueError(f"Belt {toothed!r}: {NO_SLIP} `bj.steady_state` gives them.")
-    bare = without_friction(drive, point, maximum)
-    if bare is not None:
-        raise ValueError(f"Pulley {bare!r} has torque; contact needs its friction.")
+    unmet = unmet_need(drive, point, maximum)
+    if unmet is not None:
+        raise ValueError(f"{unmet.key} {unmet.message}.")
     # The law and the question are data, so that one compiled program answers them all.
     found = contact_solution(*canonical(drive, point), *question)
     return raise_unless_successful(found, found.result, throw)
 
 
-def without_friction(drive: Drive, point: OperatingPoint, maximum: bool) -> str | None:
+class UnmetNeed(NamedTuple):
+    """What contact mechanics cannot do without, by its key in a drive file."""
+
+    key: str
+    message: str
+
+
+def unmet_need(drive: Drive, point: OperatingPoint, maximum: bool) -> UnmetNeed | None:
+    """What keeps a drive from being asked for contact; None where nothing does."""
+    if len(drive.belts) > 1 and point.mass_flow is not None:
+        message = "is that of a single belt; give each belt's mass_per_length alone"
+        return UnmetNeed("operation.mass_flow", message)
+    toothed = next((belt.name for belt in drive.belts if belt.pitch is not None), None)
+    if toothed is not None:
+        single = len(drive.belts) == 1
+        key = "belt.pitch" if single else f"belt.{toothed}.pitch"
+        return UnmetNeed(key, _NO_SLIP if single else _NO_SLIP + _OF_OTHERS)
+    bare = _without_friction(drive, point, maximum)
+    if bare is not None:
+        message = "is missing; this pulley has torque, which friction holds"
+        return UnmetNeed(f"pulley.{bare}.friction", message)
+    return None
+
+
+def _without_friction(drive: Drive, point: OperatingPoint, maximum: bool) -> str | None:
     """Name of a pulley that has torque, the driver too, and no friction to hold it."""
 
     def turned(name: str) -> bool:

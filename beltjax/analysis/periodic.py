@@ -178,7 +178,7 @@ class Resolution(NamedTuple):
     basis: AbstractBasis | None
 
 
-class Asked(eqx.Module):
+class MotionAsked(eqx.Module):
     """What a motion is asked for, beside the drive; the harmonics are those of the forcing."""
 
     forcing: Forcing
@@ -197,7 +197,7 @@ def asked_of(
     orders: Orders | None,
     how: Resolution,
     damping: Damping | None,
-) -> Asked:
+) -> MotionAsked:
     """The question of `periodic_response` for compiled code; raises `ValueError` as that does."""
     frictions = [body.friction_torque for body in drive.tensioners]
     loose = _any_of([part.law for part in drive.isolators])
@@ -206,7 +206,7 @@ def asked_of(
     _require_resolution(how.harmonics, samples, how.functions)
     forcing, base = _forcing(drive, point, orders, how.harmonics)
     forcing, damping = strongly_typed((forcing, Damping() if damping is None else damping))
-    return Asked(
+    return MotionAsked(
         forcing=forcing,
         base=base,
         damping=damping,
@@ -261,7 +261,7 @@ class Prepared(NamedTuple):
     result: RESULTS
 
 
-def prepared(drive: Drive, point: OperatingPoint, asked: Asked) -> Prepared:
+def prepared(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> Prepared:
     """The equations of a drive's motion at an operating point."""
     steady = steady_state(drive, point, throw=False)
     basis = Legendre(_FINE) if asked.basis is None else asked.basis
@@ -286,7 +286,7 @@ def prepared(drive: Drive, point: OperatingPoint, asked: Asked) -> Prepared:
 
 
 @boundary_jit
-def _periodic(drive: Drive, point: OperatingPoint, asked: Asked) -> PeriodicResponse:
+def _periodic(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> PeriodicResponse:
     made = prepared(drive, point, asked)
     harmonics = len(asked.forcing.crank) - 1
     return described(made, periodic_orbit(oscillator, made.excited, harmonics, made.samples))

@@ -12,7 +12,7 @@ from beltjax.analysis.damping import Damping
 from beltjax.analysis.motion import oscillator
 from beltjax.analysis.orders import Orders
 from beltjax.analysis.periodic import (
-    Asked,
+    MotionAsked,
     PeriodicResponse,
     Prepared,
     Resolution,
@@ -62,7 +62,7 @@ class PeriodicBranch:
 class _Question:
     """The drive over the values of one number, for compiled code."""
 
-    def __init__(self, drive: Drive, point: OperatingPoint, name: str, asked: Asked):
+    def __init__(self, drive: Drive, point: OperatingPoint, name: str, asked: MotionAsked):
         self.drive, self.point = canonical(drive, point)
         self.name, self.asked = canonical_key(drive, name), asked
 
@@ -169,13 +169,13 @@ def periodic_branch(
 
 
 def _made(
-    drive: Drive, point: OperatingPoint, name: str, asked: Asked, value: Float[Array, ""]
+    drive: Drive, point: OperatingPoint, name: str, asked: MotionAsked, value: Float[Array, ""]
 ) -> Prepared:
     return prepared(*with_number(drive, point, name, value), asked)
 
 
 def _first(
-    drive: Drive, point: OperatingPoint, name: str, asked: Asked, value: Float[Array, ""]
+    drive: Drive, point: OperatingPoint, name: str, asked: MotionAsked, value: Float[Array, ""]
 ) -> tuple[Coefficients, RESULTS]:
     """Coefficients of the motion that grows from rest."""
     made = _made(drive, point, name, asked, value)
@@ -190,7 +190,7 @@ def _correct(
     drive: Drive,
     point: OperatingPoint,
     name: str,
-    asked: Asked,
+    asked: MotionAsked,
     like: Coefficients,
     units: Units,
     guess: Vector,
@@ -206,7 +206,7 @@ def _answer(
     drive: Drive,
     point: OperatingPoint,
     name: str,
-    asked: Asked,
+    asked: MotionAsked,
     value: Float[Array, ""],
     coefficients: Coefficients,
 ) -> PeriodicResponse:

@@ -14,12 +14,14 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
-from jax.extend.core import ClosedJaxpr, Jaxpr, Literal
+from jax.extend.core import ClosedJaxpr, Jaxpr, Literal, jaxpr_as_fun
 from jaxtyping import Array
 
 KEEP_BARRIERS = {"xla_disable_hlo_passes": "cse_barrier_expander"}
 
 _LITTLE = 4  # operations that may be computed again rather than kept
+_BODIES = {"while": "body_jaxpr", "scan": "jaxpr"}  # of loops, by name of the primitive
+_SMALL_LOOP = 1000  # operations in the body of a loop, up to which it stays as it is
 
 
 class _Value(NamedTuple):
@@ -67,12 +69,30 @@ def _results(equation: Any, given: list[_Value]) -> list[_Value]:
     primitive = equation.primitive
     if primitive.name == "jit":
         return _run(equation.params["jaxpr"], given)
-    # Loops stay as they are: XLA makes one kernel of a small one, in which no barrier may stand.
     parameters = primitive.get_bind_params(equation.params)
+    body = _BODIES.get(primitive.name)
+    # XLA makes one kernel of a small loop, in which no barrier may stand.
+    if body is not None and _size(parameters[body]) > _SMALL_LOOP:
+        parameters[body] = _bounded_program(parameters[body])
     found = primitive.bind(*(value.array for value in given), **parameters)
     cost = sum(value.cost for value in given)
     cost = cost + 1 if cost else 0
     return [_Value(array, cost) for array in (found if primitive.multiple_results else [found])]
+
+
+def _size(program: ClosedJaxpr) -> int:
+    """Count the operations of a program, those of the functions and loops in it included."""
+    count = 0
+    for equation in program.jaxpr.eqns:
+        inside = [part for part in equation.params.values() if isinstance(part, ClosedJaxpr)]
+        count += sum(map(_size, inside)) if inside else 1
+    return count
+
+
+def _bounded_program(program: ClosedJaxpr) -> ClosedJaxpr:
+    """A program with the same results, its fusion bounded."""
+    given = [jax.ShapeDtypeStruct(x.shape, x.dtype) for x in program.in_avals]
+    return jax.make_jaxpr(with_bounded_fusion(jaxpr_as_fun(program)))(*given)
 
 
 def _kept(value: _Value, uses: int) -> _Value:

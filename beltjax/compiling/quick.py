@@ -1,4 +1,4 @@
-"""Compiling for few calls, where the wait for the compiler is most of the work."""
+"""Compiling for few calls, where the wait for the compiler is most of the work, and for many."""
 
 import functools
 from collections.abc import Callable
@@ -70,29 +70,52 @@ def usual_promotion(function: Function) -> Function:
 def quick_jit(function: Function) -> Function:
     """`function`, jitted to be compiled in a quarter of the time and run at half the speed.
 
-    That is right for one drive or a few hundred designs, and wrong for large batches or long
-    searches, which `jax.jit` serves better. Take derivatives and batches inside of it, not of it:
+    That is right for one drive or a few hundred designs; large batches and long searches are served
+    better by `thorough_jit`. Take derivatives and batches inside of it, not of it:
     `quick_jit(jax.grad(f))`. Numbers that are not arrays are static, as in `equinox.filter_jit`.
 
     On a CPU, options make XLA emit plain loops, not optimize, and not compute values again that
     it could keep. Elsewhere it is a plain jit.
     """
+    return _bounded_jit(function, quick_options)
+
+
+def thorough_jit(function: Function) -> Function:
+    """`function`, jitted to run fast on a CPU, for large batches and long searches.
+
+    Take derivatives and batches inside of it, not of it: `thorough_jit(jax.vmap(jax.grad(f)))`.
+    Numbers that are not arrays are static, as in `equinox.filter_jit`.
+
+    XLA alone computes the same things again in many kernels, which costs long formulas of a drive
+    half of their speed and most of the time to compile them. Here it does not. Elsewhere than on a
+    CPU it is a plain jit.
+    """
+    return _bounded_jit(function, thorough_options)
+
+
+def _bounded_jit(function: Function, options: Callable[[], dict[str, Any] | None]) -> Function:
     jitted: Any = eqx.filter_jit  # whose overloads leave out what it passes on to jax.jit
     if jax.default_backend() != "cpu":
         return jitted(function)
 
     @functools.wraps(function)
-    def quick(*args: Any, **kwargs: Any) -> Any:
+    def bounded(*args: Any, **kwargs: Any) -> Any:
         call = flat_call(function, *args, **kwargs)
         return in_form(with_bounded_fusion(call.function)(*call.arrays), call.forms[-1])
 
-    return jitted(quick, compiler_options=quick_options())
+    return jitted(bounded, compiler_options=options())
 
 
 @functools.cache
 def quickly_compiled(function: Function) -> Function:
     """`quick_jit` of a function of this library, made once."""
     return usual_promotion(quick_jit(function))
+
+
+@functools.cache
+def thoroughly_compiled(function: Function) -> Function:
+    """`thorough_jit` of a function of this library, made once."""
+    return usual_promotion(thorough_jit(function))
 
 
 def boundary_jit(function: Function) -> Function:
@@ -114,10 +137,12 @@ def boundary_jit(function: Function) -> Function:
 
 # The options for XLA on a CPU, and why; measured with jax 0.10 on the seven-pulley steady state
 # with all slopes. An option that this version of XLA does not know is left out, at that cost.
-_QUICK: dict[str, Any] = {
+_THOROUGH: dict[str, Any] = {
     # Plain loops instead of emitted fusions: compiles in 6 s instead of 15 s.
     "xla_cpu_use_fusion_emitters": False,
-    # No optimization by LLVM: 6 s instead of 10 s, and runs at half the speed.
+}
+_QUICK: dict[str, Any] = _THOROUGH | {
+    # No optimization by LLVM: 6 s instead of 10 s, and runs at a third of the speed.
     "xla_backend_optimization_level": 0,
 }
 # Not by taking out XLA's fusion pass, which compiles as fast: without it XLA (jax 0.10) gives
@@ -128,6 +153,12 @@ _QUICK: dict[str, Any] = {
 def quick_options() -> dict[str, Any] | None:
     """The options with which `jax.jit` compiles quickly on this machine."""
     return known_options(_QUICK | KEEP_BARRIERS) if jax.default_backend() == "cpu" else None
+
+
+@functools.cache
+def thorough_options() -> dict[str, Any] | None:
+    """The options with which a program of bounded fusion runs fast on this machine."""
+    return known_options(_THOROUGH | KEEP_BARRIERS) if jax.default_backend() == "cpu" else None
 
 
 def known_options(wanted: dict[str, Any]) -> dict[str, Any]:

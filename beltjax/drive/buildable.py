@@ -210,6 +210,7 @@ class _Loop(NamedTuple):
     names: tuple[str, ...]
     spans: tuple[str, ...]
     sense: float
+    crossed: bool  # between two pulleys that turn opposite ways
     centers: np.ndarray
     radii: np.ndarray
     faces: np.ndarray
@@ -226,11 +227,6 @@ class _Loop(NamedTuple):
         return self.faces * self.radii
 
     @property
-    def crossed(self) -> bool:
-        """Whether the belt crosses between two pulleys that turn opposite ways."""
-        return len(self.names) == 2 and self.faces[0] != self.faces[1]
-
-    @property
     def closes(self) -> bool:
         """Whether the belt turns once round, or not at all where it is crossed."""
         once = 0.0 if self.crossed else 2 * np.pi
@@ -243,6 +239,7 @@ def _loops(drive: Drive, at: Layout, gaps: Clearances) -> list[_Loop]:
     faces, radii = (
         np.array([getattr(p, name) for p in drive.pulleys]) for name in ("face", "radius")
     )
+    crossed = np.asarray(Loops(tuple(sizes)).crossed(drive.faces))
     rims_end = belt_end = 0
     for belt, (size, start) in enumerate(
         zip(sizes, Loops(tuple(sizes)).starts.tolist(), strict=True)
@@ -255,6 +252,7 @@ def _loops(drive: Drive, at: Layout, gaps: Clearances) -> list[_Loop]:
                 names=drive.pulley_names[here],
                 spans=drive.span_names[here],
                 sense=float(senses[belt]),
+                crossed=bool(crossed[belt]),
                 centers=np.asarray(at.centers)[here],
                 radii=radii[here],
                 faces=faces[here],

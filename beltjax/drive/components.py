@@ -115,7 +115,10 @@ class Belt(Readable):
     """A belt: a uniform, extensible beam."""
 
     axial_stiffness: Float[Array, ""] = eqx.field(
-        converter=as_real, metadata=number("N", "EA, of the whole width", above=0, design=True)
+        converter=as_real,
+        metadata=number(
+            "N", "EA, of the whole width", above=0, design=True, quantity="stretch stiffness"
+        ),
     )
     bending_stiffness: Float[Array, ""] = eqx.field(
         converter=as_real,
@@ -295,6 +298,7 @@ class Tensioner(Readable):
             "counterclockwise, or along `direction`",
             design=True,
             rare=True,
+            quantity="force of a spring",
         ),
     )
     friction_torque: Float[Array, ""] = eqx.field(

@@ -6,6 +6,7 @@ the back of the belt. They print belt lengths along the effective line or along 
 and of toothed belts and their pulleys the numbers of teeth.
 """
 
+import json
 import math
 from collections.abc import Iterator
 from typing import Any
@@ -24,7 +25,7 @@ DIAMETERS = {
 }
 OFFSETS = ("pitch_offset", "back_offset")
 _FACES = {"effective_diameter": "grooved", "smooth_diameter": "back"}
-_LENGTHS = ("effective", "pitch", "teeth")
+LENGTHS = ("effective", "pitch", "teeth")
 
 
 def in_terms_of_the_drive(content: dict[str, Any], path: object) -> dict[str, Any]:
@@ -39,7 +40,7 @@ def in_terms_of_the_drive(content: dict[str, Any], path: object) -> dict[str, An
     if isinstance(content.get("pulley"), list):
         plain["pulley"] = [_pulley(table, belts, path) for table in content["pulley"]]
     rule = content.get("installation")
-    if isinstance(rule, dict) and isinstance(rule.get("belt_length"), dict):
+    if isinstance(rule, dict) and "belt_length" in rule:
         plain["installation"] = rule | {"belt_length": _lengths(rule["belt_length"], belts, path)}
     if isinstance(content.get("belt"), list):
         plain["belt"] = [_belt(table, path) for table in content["belt"]]
@@ -55,6 +56,37 @@ def pitch_offsets(content: dict[str, Any], path: object) -> dict[str, float]:
         for table in _tables(content.get("belt"))
         if OFFSETS[0] in table
     }
+
+
+def effective_excess(content: dict[str, Any], path: object) -> dict[str, float]:
+    """How much longer [m] along the neutral axis belts are than the file says, by the keys.
+
+    They are those whose lengths it gives along the effective line: `belt_length_key` and
+    `standard_lengths_key`.
+    """
+    tables = {table.get("name", "belt"): table for table in _tables(content.get("belt"))}
+    rule, single = content.get("installation", {}), len(tables) == 1
+    lengths = rule.get("belt_length") if isinstance(rule, dict) else None
+    found: dict[str, float] = {}
+    for name, offset in pitch_offsets(content, path).items():
+        named = lengths if isinstance(lengths, dict) else {}
+        given = {
+            belt_length_key(name, single): named.get(name, named),
+            standard_lengths_key(name, single): tables[name].get("standard_lengths"),
+        }
+        effective = [k for k, v in given.items() if isinstance(v, dict) and "effective" in v]
+        found |= dict.fromkeys(effective, 2 * math.pi * offset)
+    return found
+
+
+def belt_length_key(belt: str, single: bool) -> str:
+    """The key of the length of a belt, or of the only one."""
+    return "installation.belt_length" + ("" if single else f".{belt}")
+
+
+def standard_lengths_key(belt: str, single: bool) -> str:
+    """The key of the lengths on sale of a belt, or of the only one."""
+    return "belt.standard_lengths" if single else f"belt.{belt}.standard_lengths"
 
 
 def _belt(table: Any, path: object) -> Any:
@@ -73,7 +105,9 @@ def _belt(table: Any, path: object) -> Any:
 def _standard_lengths(given: Any, belt: dict[str, Any], key: str, path: object) -> list[float]:
     """Lengths along the neutral axis, of a list or of one under `effective`, `pitch` or `teeth`."""
     kind, values = "pitch", given
-    if isinstance(given, dict) and len(given) == 1 and next(iter(given)) in _LENGTHS:
+    if isinstance(given, list):
+        _require_one_meaning(given, belt, key, path)
+    if isinstance(given, dict) and len(given) == 1 and next(iter(given)) in LENGTHS:
         kind, values = next(iter(given.items()))
         key = f"{key}.{kind}"
     if not isinstance(values, list):
@@ -148,27 +182,43 @@ def _in_groove(table: dict[str, Any], name: str, path: object) -> dict[str, Any]
     return _without(table, ("groove_angle",)) | {"friction": flank / math.sin(angle / 2)}
 
 
-def _lengths(
-    given: dict[str, Any], belts: dict[Any, dict[str, Any]], path: object
-) -> float | dict[str, Any]:
-    """Belt lengths along the neutral axis."""
-    if len(given) == 1 and next(iter(given)) in _LENGTHS:
-        return _neutral_length(given, next(iter(belts.values()), {}), "", path)
+def _lengths(given: Any, belts: dict[Any, dict[str, Any]], path: object) -> Any:
+    """Belt lengths along the neutral axis: of the only belt, or by the names of several."""
+    key, only = "installation.belt_length", next(iter(belts.values()), {})
+    if not isinstance(given, dict) or (len(given) == 1 and next(iter(given)) in LENGTHS):
+        return _neutral_length(given, only, key, path)
     return {
-        name: _neutral_length(length, belts.get(name, {}), f".{name}", path)
-        if isinstance(length, dict)
-        else length
+        name: _neutral_length(length, belts.get(name, {}), f"{key}.{name}", path)
         for name, length in given.items()
     }
 
 
-def _neutral_length(given: dict[str, Any], belt: dict[str, Any], label: str, path: object) -> float:
-    key = f"installation.belt_length{label}"
-    if len(given) != 1 or next(iter(given)) not in _LENGTHS:
+def _neutral_length(given: Any, belt: dict[str, Any], key: str, path: object) -> Any:
+    """A belt's length along the neutral axis; what is no table must be that already."""
+    if not isinstance(given, dict):
+        _require_one_meaning(given, belt, key, path)
+        return given
+    if len(given) != 1 or next(iter(given)) not in LENGTHS:
         message = f"found {shown(given)}; give {{ effective = .. }}, {{ pitch = .. }}"
         raise FileError(path, key, f"{message} or {{ teeth = .. }}")
     kind, value = next(iter(given.items()))
     return _along_neutral_axis(kind, value, belt, f"{key}.{kind}", path)
+
+
+def _require_one_meaning(given: Any, belt: dict[str, Any], key: str, path: object) -> None:
+    """Raise `FileError` for lengths that may be along the neutral axis or the effective line.
+
+    Makers print effective lengths of the belts that have an effective line.
+    """
+    if OFFSETS[0] not in belt or not _of_belt(belt, OFFSETS[0], path):
+        return
+    value = "[..]" if isinstance(given, list) else json.dumps(given, default=str)
+    message = (
+        f"found {shown(given)}, along the effective line or along the neutral axis "
+        f"({_label(belt)}.{OFFSETS[0]} is between them)? Give {{ effective = {value} }}, as makers "
+        f"print it, or {{ pitch = {value} }}"
+    )
+    raise FileError(path, key, message)
 
 
 def _along_neutral_axis(

@@ -13,7 +13,7 @@ from typing import Any
 from beltjax.files.units import decimal_meters
 
 _FAR = 1e4  # times the size of the drive: of 16 digits 12 are left for what is smaller
-_OF_TENSIONERS = ("pivot", "mass_center")
+OF_TENSIONERS = ("pivot", "mass_center")
 Origin = tuple[float, float]
 
 
@@ -53,7 +53,7 @@ def _with_points(content: dict[str, Any], change: Callable[[Any], Any]) -> dict[
             return value
         return {key: change(item) if key in keys else item for key, item in value.items()}
 
-    places = {"pulley": ("center",), "tensioner": _OF_TENSIONERS}
+    places = {"pulley": ("center",), "tensioner": OF_TENSIONERS}
     return {
         key: table(value, places[key]) if key in places else value for key, value in content.items()
     }

@@ -59,6 +59,16 @@ def read_installation(file: DriveTable, of: BodiesOfFile, path: object) -> Insta
     return AdjustedToMark(length, _every_free(rule, of, path), adjusted, marked, mark)
 
 
+def belt_lengths(rule: dict[str, Any], belts: Sequence[str], path: object) -> dict[str, float]:
+    """Lengths of the belts along the neutral axis [m] that [installation] gives, by their names.
+
+    Raises `FileError`.
+    """
+    fact = numbers(BeltGiven)["belt_length"]
+    given = _by_belt(rule.get("belt_length"), fact, "belt_length", belts, path)
+    return {} if given is None else dict(zip(belts, np.atleast_1d(given).tolist(), strict=True))
+
+
 def _loaded(file: DriveTable, of: BodiesOfFile) -> bool:
     """Whether springs, forces or weights may give the tension."""
     heavy = file.number("gravity") is not None

@@ -2,8 +2,8 @@
 
 import dataclasses
 import os
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 import tomli_w
@@ -17,7 +17,7 @@ from beltjax.drive.file_bodies import (
     read_bodies,
     require_one_arm,
 )
-from beltjax.drive.file_makers_data import in_terms_of_the_drive
+from beltjax.drive.file_makers_data import in_terms_of_the_drive, pitch_offsets
 from beltjax.drive.file_operation import (
     OPERATION,
     Runs,
@@ -38,7 +38,7 @@ from beltjax.drive.file_pulleys import (
     pulleys_of,
     read_listed,
 )
-from beltjax.drive.file_rules import installation_content, read_installation
+from beltjax.drive.file_rules import belt_lengths, installation_content, read_installation
 from beltjax.drive.file_tables import DriveTable, ModelTable
 from beltjax.drive.file_units import units_used
 from beltjax.drive.numbers import SPEEDS
@@ -80,7 +80,8 @@ def load_drive(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint]:
 
 def load_runs(path: str | os.PathLike[str]) -> tuple[Drive, Runs]:
     """The drive of a file, its operating point and its duties; raises as `load_drive` does."""
-    return _described(_content(path), path)
+    drive, runs, _ = _described(_content(path), path)
+    return drive, runs
 
 
 def load_duties(path: str | os.PathLike[str]) -> tuple[Drive, dict[str, OperatingPoint]]:
@@ -108,8 +109,18 @@ def load_duties(path: str | os.PathLike[str]) -> tuple[Drive, dict[str, Operatin
     return drive, runs.duties or {OPERATION: runs.point}
 
 
-def load_geometry(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint, bool]:
-    """The drive of a file of which only the geometry is used, and whether a speed is given.
+class Geometry(NamedTuple):
+    """A file of which only the geometry is used, for `layout` and speed ratios alone."""
+
+    drive: Drive
+    point: OperatingPoint
+    has_speed: bool  # false where the speed is a stand-in
+    belt_lengths: dict[str, float]  # along the neutral axis [m], of the belts that the file gives
+    pitch_offsets: dict[str, float]  # [m], likewise
+
+
+def load_geometry(path: str | os.PathLike[str]) -> Geometry:
+    """The drive of a file of which only the geometry is used.
 
     Stiffness, mass, installation and speed may be left out; numbers without meaning stand in.
 
@@ -117,8 +128,7 @@ def load_geometry(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint, 
         path: the drive file.
 
     Returns:
-        The drive and the operating point, for `layout` and speed ratios alone; false where the
-        speed is a stand-in.
+        The drive and the operating point, and what the file gives of its belts and speeds.
 
     Raises:
         FileError: as `load_drive` does, for what is there.
@@ -128,12 +138,10 @@ def load_geometry(path: str | os.PathLike[str]) -> tuple[Drive, OperatingPoint, 
     operation = content.get("operation", {})
     given = isinstance(operation, dict) and any(f"operation.{key}" in SPEEDS for key in operation)
     given = given or "duty" in content  # of which each has a speed
-    near, origin = near_the_origin(content)
-    content = springs_as_positions(near, path)
-    if any(origin):
-        content = content | {"origin": list(origin)}
-    drive, runs = _described(_with_stand_ins(content, given), path)
-    return drive, runs.point, given
+    drive, runs, plain = _described(content, path, lambda plain: _with_stand_ins(plain, given))
+    rule, belts = plain.get("installation", {}), [belt.name for belt in drive.belts]
+    lengths = belt_lengths(rule, belts, path) if isinstance(rule, dict) else {}
+    return Geometry(drive, runs.point, given, lengths, pitch_offsets(content, path))
 
 
 def _content(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -150,8 +158,10 @@ def _content(path: str | os.PathLike[str]) -> dict[str, Any]:
 def _with_stand_ins(content: dict[str, Any], has_speed: bool) -> dict[str, Any]:
     """`content` with stand-ins for required numbers that do not move the drawn layout."""
     belt = {"axial_stiffness": 1.0, "bending_stiffness": 0.0, "mass_per_length": 1.0}
-    given = dict(content) | {"installation": {"tension": 1.0}}
-    given["belt"] = _filled(given.get("belt", {}), belt)
+    given = dict(content)
+    given["belt"] = belts = _filled(given.get("belt", {}), belt)
+    named = [table.get("name", "belt") for table in belts] if isinstance(belts, list) else []
+    given["installation"] = {"tension": dict.fromkeys(named, 1.0) if len(named) > 1 else 1.0}
     if "tensioner" in given:
         given["tensioner"] = _filled(given["tensioner"], {"stiffness": 1.0})
     speed = {} if has_speed else {"driver_speed": 1.0}
@@ -166,12 +176,19 @@ def _filled(tables: Any, numbers: dict[str, float]) -> Any:
     return numbers | tables if isinstance(tables, dict) else tables
 
 
-def _described(content: dict[str, Any], path: str | os.PathLike[str]) -> tuple[Drive, Runs]:
-    """The drive of a file's content, and how it runs."""
+def _described(
+    content: dict[str, Any],
+    path: str | os.PathLike[str],
+    completed: Callable[[dict[str, Any]], dict[str, Any]] = dict,
+) -> tuple[Drive, Runs, dict[str, Any]]:
+    """The drive of a file's content, how it runs, and the content in terms of the drive.
+
+    `completed` is that content as it is read in the end.
+    """
     require_one_arm(content, path)
     near, origin = near_the_origin(content)
     plain = springs_as_positions(in_terms_of_the_drive(near, path), path)
-    file = validated(DriveTable, plain, path)
+    file = validated(DriveTable, completed(plain), path)
     wheels = Wheels(file, path)
     of = read_bodies(file, wheels.shafts, path)
     runs = read_operation(file, wheels, path)
@@ -189,10 +206,10 @@ def _described(content: dict[str, Any], path: str | os.PathLike[str]) -> tuple[D
         gravity=file.number("gravity"),
         origin=origin if file.origin is None else (file.origin[0], file.origin[1]),
     )
-    drive = dataclasses.replace(drive, units=units_used(content, drive))
+    drive = dataclasses.replace(drive, units=units_used(content, drive, origin, path))
     drive = require_possible_layout(drive, listed, path)
     require_tension(drive, path)
-    return drive, runs
+    return drive, runs, plain
 
 
 def save_drive(

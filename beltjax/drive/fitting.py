@@ -1,10 +1,11 @@
-"""Which standard belts are next to a drawn layout, and where a pulley stands for them.
+"""Which standard belts are next to a drawn layout, and where a pulley stands for a belt.
 
 Lengths are those of the path: of a belt that lies round the pulleys without tension.
 """
 
 import dataclasses
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -14,10 +15,11 @@ from beltjax.drive.components import Belt, Tensioner
 from beltjax.drive.installation import TensionGiven
 from beltjax.drive.layout import layout
 from beltjax.drive.system import Drive
-from beltjax.results import succeeded
+from beltjax.results import explanation, succeeded
 
 _SAME = 1e-9  # relative difference of two lengths that are one
 _LARGEST = 0.3  # step of a search [rad], or in mean spans
+_BESIDE = 1e-3  # of that step
 _STEPS = 60
 
 
@@ -30,12 +32,13 @@ class FittingPlace(NamedTuple):
     beyond_stops: bool
 
 
-class StandardBelt(NamedTuple):
-    """A belt that is sold, next to a drawn one."""
+class FittedBelt(NamedTuple):
+    """A belt, and what makes room for it."""
 
     length: float  # along the neutral axis [m]
     teeth: int | None
     places: tuple[FittingPlace, ...]  # of each body that alone can fit it; none where none can
+    reason: str  # why none can; else empty
 
 
 def next_lengths(belt: Belt, path_length: float) -> list[float]:
@@ -62,8 +65,8 @@ def teeth_of(belt: Belt, length: float) -> int | None:
     return teeth if abs(teeth * belt.pitch - length) <= 1e-6 * belt.pitch else None
 
 
-def standard_belts(drive: Drive, belt: int, path_length: float) -> list[StandardBelt]:
-    """The standard belts next to the drawn path of one belt, and the places that fit them.
+def fitted_belts(drive: Drive, belt: int, lengths: Iterable[float]) -> list[FittedBelt]:
+    """Belts of these lengths [m] in place of one of a drive's, and the places that fit them.
 
     Each body that moves the belt's path is moved alone, the others stand as drawn. Two pulleys that
     no body carries are moved apart along their line of centers.
@@ -72,16 +75,18 @@ def standard_belts(drive: Drive, belt: int, path_length: float) -> list[Standard
     if not drive.tensioners and drive.loop_sizes == (2,):
         movable = _on_slide(drive)
     found = []
-    for length in next_lengths(part, path_length):
+    for length in lengths:
         places = [_place(movable, body, belt, length) for body in range(len(movable.tensioners))]
-        known = tuple(place for place in places if place is not None)
+        known = tuple(place for place in places if isinstance(place, FittingPlace))
         if movable is not drive:
             apart = float(np.linalg.norm(np.subtract(*np.asarray(drive.centers))))
             known = tuple(
                 place._replace(body=None, center_distance=apart + place.coordinate)
                 for place in known
             )
-        found.append(StandardBelt(length, teeth_of(part, length), known))
+        reasons = [place for place in places if isinstance(place, str)] or ["no pulley can move"]
+        reason = "" if known else "; ".join(reasons)
+        found.append(FittedBelt(length, teeth_of(part, length), known, reason))
     return found
 
 
@@ -91,25 +96,34 @@ def _on_slide(drive: Drive) -> Drive:
     pulleys = [
         dataclasses.replace(pulley, on=[float(place)]) for place, pulley in enumerate(drive.pulleys)
     ]
-    slide = Tensioner(kind="linear", direction=second - first, name="slide")
+    slide = Tensioner(kind="linear", direction=second - first, name="the second pulley")
     rule = TensionGiven(1.0)
     return dataclasses.replace(drive, pulleys=pulleys, tensioners=(slide,), installation=rule)
 
 
-def _place(drive: Drive, body: int, belt: int, length: float) -> FittingPlace | None:
-    """Where one body stands alone so that a belt's path has this length; None if nowhere."""
-    part, at = drive.tensioners[body], np.zeros(len(drive.tensioners))
+def _place(drive: Drive, body: int, belt: int, length: float) -> FittingPlace | str:
+    """Where one body stands alone so that a belt's path has this length; else why it cannot."""
+    part, at, left = drive.tensioners[body], np.zeros(len(drive.tensioners)), 0.0
     of_belt = drive.belt_of_span == belt
-    for _ in range(_STEPS):
+    for step in range(_STEPS):
         there = layout(drive, jnp.asarray(at), throw=False)
         pull = float(np.sum(np.asarray(there.span_pulls)[of_belt, body]))
         left = length - float(there.path_lengths[belt])
-        if not succeeded(there.result) or abs(pull) < 1e-9:
-            return None
+        if not succeeded(there.result):
+            why = explanation(there.result).partition(".")[0].partition(":")[0]
+            return f"as {part.name} is moved, {why[0].lower()}{why[1:]}"
+        largest = _LARGEST * (1.0 if float(part.kind) else float(np.mean(there.span_lengths)))
+        if abs(pull) < 1e-9 and abs(left) > 1e-12 * length:
+            # Where the path is longest or shortest, a body moves the belt only from beside it.
+            if step == 1:
+                return f"{part.name} does not move this belt"
+            if step > 1:
+                break
+            at[body] = _BESIDE * largest
+            continue
         if abs(left) <= 1e-12 * length:
             least, greatest = np.asarray(part.stops)
             beyond = not least <= at[body] <= greatest
             return FittingPlace(part.name, float(at[body]), None, beyond)
-        largest = _LARGEST * (1.0 if float(part.kind) else float(np.mean(there.span_lengths)))
         at[body] += np.clip(left / pull, -largest, largest)
-    return None
+    return f"no place of {part.name} makes the path so {'long' if left > 0 else 'short'}"

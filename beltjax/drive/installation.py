@@ -7,6 +7,7 @@ from beltjax.drive.components import COORDINATE, TENSIONS_OF, as_flags, as_optio
 from beltjax.drive.readable import Readable
 from beltjax.files.fields import number
 
+BELT_LENGTH = "length of a belt"  # a quantity of its own, which files give in another unit
 _TENSION = number(
     "N",
     "the drawn layout is the torque-free state, and this its tension. Belt length and free "
@@ -20,6 +21,7 @@ _BELT_LENGTH = number(
     "write it as `{ effective = x }`",
     above=0,
     design=True,
+    quantity=BELT_LENGTH,
 )
 _FREE = number(COORDINATE, "where each spring is relaxed, by its name, from the drawn position")
 

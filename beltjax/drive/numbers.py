@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from beltjax.drive.canonical import canonical_drive
-from beltjax.drive.components import KINDS, ArmSpring, Belt, Tensioner, concrete
+from beltjax.drive.components import FORCE, KINDS, ArmSpring, Belt, Tensioner, concrete
 from beltjax.drive.installation import BeltGiven
 from beltjax.drive.layout import turned
 from beltjax.drive.loads import Load
@@ -35,6 +35,9 @@ _OF_ARMS = {
     _ANGLE: Number("rad", "the tensioner turned as a whole about its pulleys' center, from 0"),
     _ARM_LENGTH: Number("m", "from the pivot to the pulleys' center", above=0),
 }
+# A spring by its preload, which its stiffness and its relaxed position determine.
+_PRELOAD = ".preload"
+_OF_SPRINGS = Number(FORCE, "moment or force of its spring in the drawn position")
 _FEW = ("operation.belt_speed", "belt.bending_stiffness", "installation.tension")
 
 Numbers = tuple[Drive, OperatingPoint]
@@ -186,13 +189,31 @@ def _arm_keys(drive: Drive) -> dict[str, int]:
     return {tensioner_key(drive, place) + end: place for place in _arms(drive) for end in _OF_ARMS}
 
 
+def _preload_keys(drive: Drive) -> dict[str, int]:
+    """Places of the tensioners whose springs are given by where they are relaxed."""
+    free, found = drive.installation.free, {}
+    known = None if free is None else concrete(free)
+    for place, body in enumerate(drive.tensioners if free is not None else ()):
+        rate = concrete(body.stiffness)
+        sprung = rate is None or bool(np.all(rate > 0))
+        if sprung and (known is None or known.ndim != 1 or not np.isnan(known[place])):
+            found[tensioner_key(drive, place) + _PRELOAD] = place
+    return found
+
+
 def is_relative(name: str) -> bool:
-    """Whether a number is the angle or the length of an arm, which its pivot determines, too."""
-    return name.startswith("tensioner.") and name.endswith((_ANGLE, _ARM_LENGTH))
+    """Whether other numbers of a tensioner determine a number: angle and length of an arm, preload.
+
+    They do not describe a drive beside those.
+    """
+    return name.startswith("tensioner.") and name.endswith((_ANGLE, _ARM_LENGTH, _PRELOAD))
 
 
 def moved_with(name: str) -> set[str]:
-    """Keys of the numbers that describe the arm to which a relative number belongs."""
+    """Keys of the numbers that describe the arm or the spring that a relative number is of."""
+    if name.endswith(_PRELOAD):
+        own = name.removesuffix(_PRELOAD)
+        return {name, f"installation.free.{own.removeprefix('tensioner.')}"}
     arm = name.removesuffix(_ANGLE).removesuffix(_ARM_LENGTH)
     return {arm + end for end in (_ANGLE, _ARM_LENGTH, ".pivot.x", ".pivot.y")}
 
@@ -201,7 +222,7 @@ def full_key(drive: Drive, name: str) -> str:
     """`name` as the drive's own key, in which the name of an only belt or tensioner may differ."""
     table, _, rest = name.partition(".")
     if table == "tensioner" and len(drive.tensioners) == 1:
-        fields = {*numbers(Tensioner), *(end[1:] for end in _OF_ARMS)}
+        fields = {*numbers(Tensioner), *(end[1:] for end in (*_OF_ARMS, _PRELOAD))}
         return f"{tensioner_key(drive, 0)}.{_of_only(drive.tensioners[0].name, rest, fields)}"
     if table == "belt" and len(drive.belts) == 1:
         return f"belt.{_of_only(drive.belt.name, rest, {*numbers(Belt)})}"
@@ -226,7 +247,7 @@ def variable_names(drive: Drive) -> list[str]:
         Keys of the drive file, such as "pulley.NAME.radius" and "tensioner.angle".
     """
     names = [place.key for place in _scalars(drive) if place.fact.design and not place.silent]
-    return [*names, *_arm_keys(drive)]
+    return [*names, *_arm_keys(drive), *_preload_keys(drive)]
 
 
 def number_names(drive: Drive) -> list[str]:
@@ -237,7 +258,7 @@ def number_names(drive: Drive) -> list[str]:
     """
     names = [place.key for place in _scalars(drive) if not place.silent]
     torques = [TORQUE + name for name in _takers(drive)]
-    return [*names, *_arm_keys(drive), *SPEEDS, *torques]
+    return [*names, *_arm_keys(drive), *_preload_keys(drive), *SPEEDS, *torques]
 
 
 def _takers(drive: Drive) -> list[str]:
@@ -277,6 +298,8 @@ def fact_of(drive: Drive, name: str) -> tuple[Number, str | None]:
     key = full_key(drive, name)
     if key in _arm_keys(drive):
         return next(fact for end, fact in _OF_ARMS.items() if key.endswith(end)), None
+    if key in _preload_keys(drive):
+        return _OF_SPRINGS, kind_of(drive.tensioners[_preload_keys(drive)[key]])
     if key.startswith(LOAD):
         return numbers(Load)[key.rpartition(".")[2]], None
     if key.startswith("operation."):
@@ -303,11 +326,17 @@ def unit_of(drive: Drive, name: str) -> str:
     return fact.unit_for(kind)
 
 
+def shift_of(drive: Drive, name: str) -> float:
+    """What a number is more in the drive's file than in the drive [SI], as `UnitsOfFile` says."""
+    return drive.units.shifts.get(full_key(drive, name), 0.0)
+
+
 def known_keys(drive: Drive) -> set[str]:
     """Keys of all numbers that may be set."""
     torques = [TORQUE + name for name in drive.pulley_names]
     loads = _load_keys(drive.pulley_names, tuple(numbers(Load)))
-    return {*_by_key(drive), *_arm_keys(drive), *SPEEDS, *torques, *loads}
+    derived = {*_arm_keys(drive), *_preload_keys(drive)}
+    return {*_by_key(drive), *derived, *SPEEDS, *torques, *loads}
 
 
 def _load_keys(pulleys: Sequence[str], fields: Sequence[str] = OF_LOADS) -> list[str]:
@@ -318,6 +347,7 @@ def canonical_key(drive: Drive, name: str) -> str:
     """The key that a number of `drive` has in its canonical form."""
     key, there = full_key(drive, name), canonical_drive(drive)
     pairs = [*zip(_arm_keys(drive), _arm_keys(there), strict=True)]
+    pairs += zip(_preload_keys(drive), _preload_keys(there), strict=True)
     pairs += zip(_by_key(drive), _by_key(there), strict=True)
     torques = [[TORQUE + pulley for pulley in d.pulley_names] for d in (drive, there)]
     loads = [_load_keys(d.pulley_names) for d in (drive, there)]
@@ -372,7 +402,8 @@ def with_values(drive: Drive, values: Mapping[str, Float[Array, ""]]) -> Drive:
     A pulley's rim keeps its distance from the neutral axis unless it is set. "tensioner.angle"
     turns a tensioner as a whole, with the free angle of its spring, about the center of its
     pulleys, from 0 as drawn and with the pivot that it was given; "tensioner.arm_length" moves the
-    pivot along the arm.
+    pivot along the arm; "tensioner.preload" is what its spring has in the drawn position, whose
+    relaxed position follows by its stiffness.
 
     Args:
         drive: the drive.
@@ -392,8 +423,9 @@ def with_values(drive: Drive, values: Mapping[str, Float[Array, ""]]) -> Drive:
     """
     drawn = drive
     values = {full_key(drive, name): value for name, value in values.items()}
-    places, arms = _by_key(drive), _arm_keys(drive)
-    for name in sorted(values.keys() - arms.keys(), key=lambda name: (_is_rim(name), name)):
+    places, arms, preloads = _by_key(drive), _arm_keys(drive), _preload_keys(drive)
+    own = values.keys() - arms.keys() - preloads.keys()
+    for name in sorted(own, key=lambda name: (_is_rim(name), name)):
         drive = _with_rim(drive, name, values[name])
         drive = places[name].put(drive, values[name])
     turn = jnp.zeros(())
@@ -405,6 +437,8 @@ def with_values(drive: Drive, values: Mapping[str, Float[Array, ""]]) -> Drive:
             arm, body = _arm(drive, arms[name]), arms[name]
             longer = arm * values[name] / jnp.sqrt(jnp.sum(arm**2))
             drive = _with_pivot(drive, body, drive.tensioners[body].pivot + arm - longer)
+    for name in values.keys() & preloads.keys():  # after their stiffnesses
+        drive = _with_preload(drive, preloads[name], values[name])
     return _wound_alike(drive, drawn, turn)
 
 
@@ -422,6 +456,9 @@ def value_of(drive: Drive, name: str) -> Float[Array, ""]:
         KeyError: the drive has no such number.
     """
     key, arms = full_key(drive, name), _arm_keys(drive)
+    if key in _preload_keys(drive):
+        place = _preload_keys(drive)[key]
+        return drive.tensioners[place].stiffness * _free(drive)[..., place]
     if key in arms:
         if key.endswith(_ANGLE):
             return jnp.zeros(())
@@ -461,6 +498,19 @@ def named_numbers(
             if getattr(load, field) is not None:
                 found[f"{LOAD}{name}.{field}"] = getattr(point.load[name], field)
     return found | {TORQUE + name: point.torque[name] for name in running.torque}
+
+
+def _free(drive: Drive) -> Float[Array, "*batch springs"]:
+    """Relaxed positions of the springs, which the installation has."""
+    free = drive.installation.free
+    assert free is not None  # as `_preload_keys` found
+    return free
+
+
+def _with_preload(drive: Drive, place: int, preload: Float[Array, ""]) -> Drive:
+    relaxed = preload / drive.tensioners[place].stiffness
+    free = _free(drive).at[..., place].set(relaxed)
+    return eqx.tree_at(lambda d: d.installation.free, drive, free)
 
 
 def _is_rim(name: str) -> bool:

@@ -27,6 +27,8 @@ class Number(NamedTuple):
     rare: bool = False  # listings leave it out where it has its default, of a `design` number, too
     parts: tuple[str, ...] = ()  # what the numbers of a vector are called
     kinds: tuple[str, ...] = ()  # of owners to which it means something; of all where empty
+    # What it measures, where results in its unit are something else and have units of their own.
+    quantity: str = ""
     beside: str | None = None  # another number without which it means nothing
     shape: tuple[int, ...] = ()  # as far as it is fixed
     rank: int = 0

@@ -11,7 +11,7 @@ from pydantic_core import PydanticCustomError
 
 from beltjax.files.errors import FileError
 from beltjax.files.fields import Number, numbers
-from beltjax.files.units import shown, to_si
+from beltjax.files.units import is_quoted, shown, to_si
 
 # Keys that others use, and what to give here.
 _FOREIGN_KEYS = {
@@ -31,6 +31,11 @@ _FOREIGN_KEYS = {
     "modulus": "give axial_stiffness: modulus times cross section",
     "youngs_modulus": "give axial_stiffness: modulus times cross section",
 }
+
+_OF_TABLES = "model_type", "dict_type"
+# Kinds of errors where something in quotes may be what is wanted.
+_WITHOUT_QUOTES = {"list_type": list, "bool_type": bool} | dict.fromkeys(_OF_TABLES, dict)
+_MOST_KEYS = 4  # named beside the first that is wrong
 
 
 def checked(value: Any, number: Number, kind: str | None = None) -> float:
@@ -168,12 +173,40 @@ def validated(table: type[TableType], content: dict[str, Any], path: object) -> 
     try:
         return table.model_validate(content)
     except ValidationError as failure:
-        errors = failure.errors()
-        # A misspelt key is also a missing one; the misspelling is what helps.
-        first = min(errors, key=lambda error: error["type"] != "extra_forbidden")
-        more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
-        key = _key(first["loc"], content)
-        raise FileError(path, key, _message(first, table) + more) from failure
+        first, *others = _problems(failure.errors(), content, table)
+        message = _message(first, table) + _others(others, content, table)
+        raise FileError(path, _key(first["loc"], content), message) from failure
+
+
+def _problems(errors: list[Any], content: Any, table: type[Table]) -> list[Any]:
+    """One error for each key that is wrong, misspelt ones first.
+
+    A misspelt key is also a missing one, which is no problem of its own.
+    """
+    unknown = [error for error in errors if error["type"] == "extra_forbidden"]
+    homes = _homes(table) if unknown else {}
+    meant = {(*error["loc"][:-1], _close(str(error["loc"][-1]), homes)) for error in unknown}
+    others = [
+        error
+        for error in errors
+        if error["type"] != "extra_forbidden"
+        and not (error["type"] == "missing" and error["loc"] in meant)
+    ]
+    by_key: dict[str, Any] = {}
+    for error in (*unknown, *others):
+        by_key.setdefault(_key(error["loc"], content), error)
+    return list(by_key.values())
+
+
+def _others(errors: list[Any], content: Any, table: type[Table]) -> str:
+    """What else is wrong: a single problem in words, of several their keys."""
+    keys = [_key(error["loc"], content) for error in errors[:_MOST_KEYS]]
+    if not errors:
+        return ""
+    if len(errors) == 1:
+        return f" (and 1 more problem: {keys[0]}: {_message(errors[0], table)})"
+    keys += ["..."] * (len(errors) > _MOST_KEYS)
+    return f" (and {len(errors)} more problems: {', '.join(keys)})"
 
 
 def _key(location: Iterable[Any], content: Any) -> str:
@@ -212,13 +245,18 @@ def _message(error: Any, table: type[Table]) -> str:
     if kind in ("too_long", "too_short"):
         wanted = error["ctx"].get("max_length", error["ctx"].get("min_length"))
         return f"found {len(found)} items; give {wanted}"
-    if kind in ("model_type", "dict_type"):
-        return f"found {shown(found)}; give a table"
+    return _of_another_type(error)
+
+
+def _of_another_type(error: Any) -> str:
+    """What to do about a value of another type than its key takes."""
+    kind, found = error["type"], error["input"]
     if kind == "list_type" and isinstance(found, dict):
         return f"found one table; write its heading in double brackets: [[{error['loc'][-1]}]]"
-    if kind == "list_type":
-        return f"found {shown(found)}; give a list, as in [a, b]"
-    text = error["msg"].removeprefix("Input should be ")
+    if kind in _WITHOUT_QUOTES and is_quoted(found, _WITHOUT_QUOTES[kind]):
+        return f"found {shown(found)}; write it without quotes"
+    wanted = {"list_type": "a list, as in [a, b]"} | dict.fromkeys(_OF_TABLES, "a table")
+    text = wanted.get(kind, error["msg"].removeprefix("Input should be "))
     return f"found {shown(found)}; give {text}"
 
 
@@ -234,8 +272,13 @@ def _of_unknown_key(location: tuple[Any, ...], table: type[Table]) -> str:
         elsewhere = sorted(homes[word]) if len(homes[word]) < 3 and not here else []
         lead = f"it belongs in {' or '.join(elsewhere)}" if elsewhere else "remove it"
         return f"is not a key of this table; {lead}"
-    close = difflib.get_close_matches(word, sorted(homes), n=1)
-    return "is not a known key; " + (f"did you mean {close[0]!r}?" if close else "remove it")
+    close = _close(word, homes)
+    return "is not a known key; " + (f"did you mean {close!r}?" if close else "remove it")
+
+
+def _close(word: str, homes: Mapping[str, Any]) -> str:
+    """The known key that is spelt much like a word; empty where there is none."""
+    return next(iter(difflib.get_close_matches(word, sorted(homes), n=1)), "")
 
 
 def _homes(table: type[Table]) -> dict[str, list[str]]:

@@ -132,6 +132,15 @@ def in_unit(value: float, si: str, unit: str) -> float:
     return value * float(registry.Quantity(1.0, si or "dimensionless").to(named).magnitude)
 
 
+def is_quoted(value: Any, kind: type) -> bool:
+    """Whether `value` is the text of a list, a table (`dict`) or a `bool`, which take no quotes."""
+    text = value.strip() if isinstance(value, str) else ""
+    if kind is bool:
+        return text in ("true", "false")
+    first, last = "{}" if kind is dict else "[]"
+    return len(text) > 1 and text[0] == first and text[-1] == last
+
+
 def shown(value: Any) -> str:
     """`value` as it is shown in a message, long ones cut."""
     if isinstance(value, int) and abs(value) >= 10**30:
@@ -173,7 +182,7 @@ def _parsed(text: str, unit: str) -> float:
 
 
 def _other_notation(text: str) -> str:
-    """A hint for a decimal comma or a fraction of an inch; empty where there is neither."""
+    """A hint for a decimal comma, a fraction of an inch or a list; empty where there is none."""
     comma = _DECIMAL_COMMA.fullmatch(text)
     if comma:
         return f'write a point: "{comma[1]}.{comma[2]}{comma[3].rstrip()}"'
@@ -181,6 +190,8 @@ def _other_notation(text: str) -> str:
     if mixed and int(mixed[3]):
         number = int(mixed[1] or 0) + Fraction(int(mixed[2]), int(mixed[3]))
         return f'write decimals: "{f"{float(number)!r} {mixed[4].strip()}".rstrip()}"'
+    if is_quoted(text, list):
+        return f"a list stands without quotes: {text.strip()}"
     if text.rstrip().endswith(('"', "''")):
         return f'write "{text.strip().rstrip(chr(34) + chr(39))} in"'
     return ""

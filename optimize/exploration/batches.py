@@ -16,7 +16,7 @@ from beltjax.analysis.linearization import linearize
 from beltjax.analysis.modes import modes
 from beltjax.analysis.steady import steady_state
 from beltjax.analysis.sweep import BASIS, require_count
-from beltjax.compiling.quick import quickly_compiled
+from beltjax.compiling.quick import quickly_compiled, thoroughly_compiled
 from beltjax.drive.numbers import require_numbers, with_numbers
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
@@ -91,7 +91,8 @@ def answers(question: Question, values: np.ndarray, *, quick: bool) -> dict[str,
     devices = jax.local_device_count()
     if devices > 1:
         return _sharded(devices)(question, jnp.asarray(_filled(values, devices)))
-    return (quickly_compiled(_answers) if quick else _optimized)(question, jnp.asarray(values))
+    compiled = quickly_compiled if quick else thoroughly_compiled
+    return compiled(_answers)(question, jnp.asarray(values))
 
 
 def in_batches(
@@ -133,9 +134,6 @@ def _filled(values: np.ndarray, devices: int) -> Float[np.ndarray, "designs numb
 
 def _answers(question: Question, values: Float[Array, "designs numbers"]) -> dict[str, Array]:
     return jax.vmap(lambda one: _answer(question, one))(values)
-
-
-_optimized: Any = eqx.filter_jit(_answers)
 
 
 @functools.cache

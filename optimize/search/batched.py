@@ -3,13 +3,12 @@
 import functools
 from collections.abc import Callable
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from beltjax.compiling.quick import quickly_compiled
+from beltjax.compiling.quick import quickly_compiled, thoroughly_compiled
 
 from ..problem import ProblemScales, Starts, evaluation
 from ..study import Study
@@ -37,7 +36,9 @@ class AugmentedLagrangian(AbstractOptimizer):
             states = Iterate(*(jnp.asarray(saved[field]) for field in Iterate._fields))
             objective, violation = list(saved["path_objective"]), list(saved["path_violation"])
             first = len(objective) + 1
-        step = quickly_compiled(batch_step) if study.starts <= FEW else eqx.filter_jit(batch_step)
+        step = (
+            quickly_compiled(batch_step) if study.starts <= FEW else thoroughly_compiled(batch_step)
+        )
 
         def stepped(states: Iterate) -> Iterate:
             states = step(study.canonical, begin.scales, states)

@@ -3,15 +3,14 @@
 Starts that have ended make room for others, so that no lane of the batch waits for the slowest.
 """
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from beltjax.compiling.quick import quickly_compiled
+from beltjax.compiling.quick import quickly_compiled, thoroughly_compiled
 
-from ..problem import ProblemScales, Starts, evaluation, limited_rows
+from ..problem import ProblemScales, Starts, evaluation, limited_rows, measured_at
 from ..study import Study
 from .registry import AbstractOptimizer, optimizer
 from .results import FEASIBLE, SearchResult, SearchTools, StartOutcome, history_of, padded
@@ -25,9 +24,10 @@ from .sl1qp import (
     slopes_of,
 )
 
-FEW = 256  # starts up to which compiling quickly beats running quickly
+FEW = 4096  # starts up to which compiling quickly beats running quickly
 WIDTH = 64  # starts in a batch
-ITERATIONS = 8  # of a batch, before starts that have ended make room for others
+ITERATIONS = 8  # of a batch, before the state is saved and the time looked at
+BUSY = 0.75  # of a batch's lanes; with fewer, starts that wait take the room of those that ended
 MOST_ITERATIONS = 160  # of one start
 TOLERANCE = 1e-9
 _RADIUS = 0.25  # of the first step, in the unit box
@@ -45,10 +45,11 @@ class SequentialQuadraticProgramming(AbstractOptimizer):
         """Search from all starts."""
         rows = jnp.asarray(limited_rows(study, begin.parts))
         problem = study.canonical, begin.scales, rows
-        states, paths = _begun(problem, begin, tools, study)
+        states, paths = _begun(begin.points, len(rows), tools, study, begin)
         # Compiling quickly pays while the batch is run few times.
         few = study.starts <= FEW
-        iterate = quickly_compiled(_iterated) if few else eqx.filter_jit(_iterated)
+        iterate = quickly_compiled(_iterated) if few else thoroughly_compiled(_iterated)
+        width = min(WIDTH, study.starts)
         timely = True
         while True:
             waiting = np.flatnonzero(~_ended(states))
@@ -58,29 +59,29 @@ class SequentialQuadraticProgramming(AbstractOptimizer):
             if not len(waiting) or not timely:
                 break
             # A batch that starts no longer fill has some of them twice.
-            lanes = np.resize(waiting, min(WIDTH, study.starts))
-            one = jax.tree.map(lambda x, lanes=lanes: jnp.asarray(x[lanes]), states)
-            moved, path = jax.device_get(iterate(*problem, one))
+            lanes = np.resize(waiting, width)
+            one = jax.tree.map(lambda x, lanes=lanes: x[lanes], states)
+            # While others wait, a batch stops early enough for most of its lanes to be at work.
+            enough = BUSY * width if len(waiting) > width else 0
+            batch = jax.tree.map(jnp.asarray, one)
+            moved, path = jax.device_get(iterate(*problem, batch, jnp.asarray(enough, float)))
             states = jax.tree.map(
                 lambda whole, rows, lanes=lanes: _with_rows(whole, lanes, rows), states, moved
             )
-            for lane in np.unique(lanes, return_index=True)[1]:
-                known = moved.steps[lane] - one.steps[lane]
-                paths[lanes[lane]].extend(path[: int(known), lane])
-            states = _elsewhere(problem, begin, states)
+            known = moved.steps - one.steps
+            for lane in range(min(width, len(waiting))):
+                paths[lanes[lane]].extend(path[: known[lane], lane])
+            states = _elsewhere(study, begin, states)
             if tools.checkpoint is not None:
                 tools.checkpoint.save(paths=padded(paths), **_as_arrays(states))
         return SearchResult(_outcomes(states), history_of(paths), timely)
 
 
-Problem = tuple[Study, ProblemScales, Array]
-
-
 def _begun(
-    problem: Problem, begin: Starts, tools: SearchTools, study: Study
+    points: Array, rows: int, tools: SearchTools, study: Study, begin: Starts
 ) -> tuple[SequentialIterate, list[list[np.ndarray]]]:
     """The states of all starts, of an earlier run if there was one, and their paths."""
-    states = jax.device_get(quickly_compiled(_first_iterates)(*problem, begin.points))
+    states = jax.device_get(quickly_compiled(_first_iterates)(points, rows))
     saved = tools.saved(study, begin)
     if saved is None:
         return states, [[] for _ in states.done]
@@ -89,16 +90,19 @@ def _begun(
     return states, [list(path[np.isfinite(path[:, 0])]) for path in saved["paths"]]
 
 
-def _elsewhere(problem: Problem, begin: Starts, states: SequentialIterate) -> SequentialIterate:
+def _elsewhere(study: Study, begin: Starts, states: SequentialIterate) -> SequentialIterate:
     """The states, but once from the opposite point of the box where no limits can be met nearby."""
     stuck = states.stopped & ~states.done & (states.violation > FEASIBLE)
-    stuck = stuck & (states.anew <= RESTARTS)
-    if not np.any(stuck):
+    stuck = np.flatnonzero(stuck & np.isfinite(states.violation) & (states.anew <= RESTARTS))
+    if not len(stuck):
         return states
-    fresh = jax.device_get(quickly_compiled(_first_iterates)(*problem, 1.0 - begin.points))
-    lanes = np.flatnonzero(stuck & fresh.at.valid)
-    states = states._replace(anew=np.where(stuck, RESTARTS + 1, states.anew))
-    fresh = fresh._replace(steps=states.steps, anew=states.anew)
+    points = 1.0 - begin.points
+    runs = [bool(at.found) for at in measured_at(study, begin, np.asarray(points)[stuck])]
+    anew = _with_rows(states.anew, stuck, np.full(len(stuck), RESTARTS + 1))
+    states, lanes = states._replace(anew=anew), stuck[np.array(runs)]
+    rows = states.multipliers.shape[1]
+    fresh = jax.device_get(quickly_compiled(_first_iterates)(points, rows))
+    fresh = fresh._replace(anew=anew)
     return jax.tree.map(lambda old, new: _with_rows(old, lanes, new[lanes]), states, fresh)
 
 
@@ -125,24 +129,37 @@ def _method(study: Study, scales: ProblemScales, rows: Array, size: int) -> Meth
     return Method(slopes_of(evaluate), box, _RADIUS, TOLERANCE)
 
 
-def _first_iterates(
-    study: Study, scales: ProblemScales, rows: Array, points: Float[Array, "starts variables"]
-) -> SequentialIterate:
-    by = _method(study, scales, rows, points.shape[-1])
-    return jax.lax.map(lambda x: first_iterate(by, x), points, batch_size=WIDTH)
+def _first_iterates(points: Float[Array, "starts variables"], rows: int) -> SequentialIterate:
+    """The states before the first iterations."""
+    return jax.vmap(lambda x: first_iterate(x, rows, _RADIUS))(points)
 
 
 def _iterated(
-    study: Study, scales: ProblemScales, rows: Array, states: SequentialIterate
+    study: Study,
+    scales: ProblemScales,
+    rows: Array,
+    states: SequentialIterate,
+    enough: Float[Array, ""],
 ) -> tuple[SequentialIterate, Float[Array, "iterations starts 2"]]:
-    """The batch after some iterations, with objective and violation after each."""
+    """The batch after some iterations, with objective and violation after each.
+
+    It ends when no more than `enough` of its lanes have work left.
+    """
     by = _method(study, scales, rows, states.x.shape[-1])
+    path = jnp.full((ITERATIONS, len(states.done), 2), jnp.nan)
 
-    def step(states: SequentialIterate, _: None) -> tuple[SequentialIterate, Array]:
+    def busy(now: tuple[Array, SequentialIterate, Array]) -> Array:
+        number, states, _ = now
+        return (number < ITERATIONS) & (jnp.sum(~states.stopped) > enough)
+
+    def step(
+        now: tuple[Array, SequentialIterate, Array],
+    ) -> tuple[Array, SequentialIterate, Array]:
+        number, states, path = now
         moved = jax.vmap(lambda s: next_iterate(by, s))(states)
-        return moved, jnp.stack([moved.at.f, moved.violation], axis=-1)
+        return number + 1, moved, path.at[number].set(jnp.stack([moved.at.f, moved.violation], -1))
 
-    return jax.lax.scan(step, states, None, length=ITERATIONS)
+    return jax.lax.while_loop(busy, step, (jnp.array(0), states, path))[1:]
 
 
 def _outcomes(states: SequentialIterate) -> list[StartOutcome]:

@@ -21,12 +21,13 @@ from beltjax.compiling.batched_loops import in_lanes_of
 Vector = Float[Array, " n"]
 Rows = Float[Array, " m"]
 
-_CENTER = (0.02, 0.3)  # of the mean complementarity, least and greatest: where a step aims
+_CENTER = (1e-6, 0.5)  # of the mean complementarity, least and greatest: where a step aims
 _SHORT = 0.995  # of the way to the nearest bound
-_NEAR = 1e-14  # mean complementarity, relative to the first one, at which the search ends
+_NEAR = 1e-12  # mean complementarity, relative to the first one, at which the search ends
 _REFINEMENTS = 3  # of the solution, once it is known what holds it
 _STIFF = 1e4  # weight of the rows that hold, beside the curvature of the objective
 _STEPS = 30
+_ROUNDS = 6  # of rows chosen
 _ROUNDING = 1e-12
 
 
@@ -61,60 +62,136 @@ class _InteriorPoint(NamedTuple):
     of_greatest: Vector
 
 
+class _Products(NamedTuple):
+    """Numbers times their multipliers, each of which vanishes at the minimum."""
+
+    of_z: Rows
+    of_s: Rows
+    of_least: Vector
+    of_greatest: Vector
+
+
+class _Working(NamedTuple):
+    """A solution with some of the rows."""
+
+    solution: QuadraticSolution
+    order: Rows  # the greater, the sooner a row is chosen
+    unmet: Bool[Array, " m"]  # which rows count as not met where they are left out
+    changed: Bool[Array, ""]  # whether a row that was left out has changed sign
+    rounds: Int[Array, ""]
+
+
 class _State(NamedTuple):
     """A point on the way."""
 
     at: _InteriorPoint
     left: Float[Array, ""]  # mean complementarity
-    aim: Float[Array, ""]  # share of it to which the next step goes
     steps: Int[Array, ""]
 
 
 def solve_quadratic_program(of: QuadraticProgram) -> QuadraticSolution:
-    """The minimum of a program whose bounds leave room on both sides."""
+    """The minimum of a program whose bounds leave room on both sides.
+
+    Of many rows only a few change sign close to a minimum. The others are met, and count nothing,
+    or are not, and count as linear terms. So the program is solved with those few alone, and again
+    with others until none of those left out has changed sign; if that does not end, with all.
+    """
     n, m = len(of.g), len(of.c)
-    d = 0.5 * (of.least + of.greatest)
-    short = of.c + of.J @ d
-    s = jnp.maximum(short, 0.0) + 1.0
-    half = jnp.full(m, 0.5) * of.price
-    begin = _InteriorPoint(d, s, s - short, half, half, jnp.ones(n), jnp.ones(n))
+    count = n + 4
+    if m <= 2 * count:
+        return _solved_with_all(of)
+    sizes = jnp.sum(jnp.abs(of.J), axis=1)
+    sizes = jnp.where(sizes > 0, sizes, 1.0)
+    least, most = _extremes(of)
+
+    def unfinished(state: _Working) -> Bool[Array, ""]:
+        return state.changed & (state.rounds < _ROUNDS)
+
+    def again(state: _Working) -> _Working:
+        place = jax.lax.top_k(state.order.astype(jnp.float32), count)[1]
+        spread = place == jnp.arange(m)[:, None]
+        left_out = ~jnp.any(spread, axis=1)
+        paid = left_out & state.unmet
+        few = of._replace(g=of.g + of.price * (paid @ of.J), J=of.J[place], c=of.c[place])
+        found = _solved_with_all(few)
+        multipliers = jnp.where(paid, of.price, spread @ found.multipliers)
+        values = of.c + of.J @ found.d
+        changed = jnp.where(state.unmet, values < -_ROUNDING, values > _ROUNDING)
+        # The closer to a change of sign, the sooner a row is chosen, unless none is possible.
+        order = jnp.where((least < 0) & (most > 0), -jnp.abs(values) / sizes, -jnp.inf)
+        fresh = QuadraticSolution(found.d, multipliers)
+        unmet = values > 0
+        return _Working(fresh, order, unmet, jnp.any(left_out & changed), state.rounds + 1)
+
+    begin = QuadraticSolution(jnp.zeros_like(of.g), jnp.zeros_like(of.c))
+    # What is not met here is most likely to be met after the step.
+    order = jnp.where((least < 0) & (most > 0), of.c / sizes, -jnp.inf)
+    start = _Working(begin, order, of.c > 0, jnp.array(True), jnp.array(0))
+    found = jax.lax.while_loop(unfinished, again, in_lanes_of(of.g, start))
+
+    def wholly(state: _Working) -> _Working:
+        # The price depends on the state, or XLA would solve the program before the loop is entered.
+        priced = of._replace(price=jnp.where(state.changed, of.price, 1.0))
+        return state._replace(solution=_solved_with_all(priced), changed=jnp.array(False))
+
+    # A loop rather than a condition: in a batch it is passed over unless a lane needs it.
+    return jax.lax.while_loop(lambda state: state.changed, wholly, found).solution
+
+
+def _extremes(of: QuadraticProgram) -> tuple[Rows, Rows]:
+    """The least and the greatest value of each row in the box."""
+    low, high = of.J * of.least, of.J * of.greatest
+    least, most = jnp.minimum(low, high), jnp.maximum(low, high)
+    return of.c + jnp.sum(least, axis=1), of.c + jnp.sum(most, axis=1)
+
+
+def _solved_with_all(of: QuadraticProgram) -> QuadraticSolution:
+    """The minimum of a program, all of its rows counted."""
+    begin = _beginning(of)
     first = _complementarity(begin, of)
-    # The products of each row's entries, of which every step takes a weighted sum.
-    one, other = np.tril_indices(n)
-    products = (of.J[:, one] * of.J[:, other]).T
-    places = np.zeros((n, n), int)
-    places[one, other] = places[other, one] = np.arange(len(one))
+    weighted = _weighted_products(of.J)
 
     def unfinished(state: _State) -> Bool[Array, ""]:
         return (state.steps < _STEPS) & (state.left > _NEAR * (1.0 + first))
 
     def step(state: _State) -> _State:
-        at, left, aim, steps = state
-
-        def weighted(weight: Rows) -> Float[Array, "n n"]:
-            return (products @ weight)[places]
-
-        moved, length = _step(at, aim * left, of, weighted)
+        at, left, steps = state
+        moved = _step(at, left, of, weighted)
         # Where rounding has spoilt a step, the point before it is the best there is.
         good = jnp.all(jnp.isfinite(moved.d)) & jnp.all(jnp.isfinite(moved.of_z))
         moved = jax.tree.map(lambda fresh, old: jnp.where(good, fresh, old), moved, at)
-        steps = jnp.where(good, steps + 1, _STEPS)
-        return _State(
-            moved, _complementarity(moved, of), jnp.clip((1 - length) ** 2, *_CENTER), steps
-        )
+        return _State(moved, _complementarity(moved, of), jnp.where(good, steps + 1, _STEPS))
 
-    start = _State(begin, first, jnp.array(_CENTER[1]), jnp.array(0))
+    start = _State(begin, first, jnp.array(0))
     found = jax.lax.while_loop(unfinished, step, in_lanes_of(of.g, start)).at
     plain = QuadraticSolution(jnp.clip(found.d, of.least, of.greatest), found.of_z)
-    return _refined(found, plain, of, products, places)
+    return _refined(found, plain, of, weighted)
+
+
+def _beginning(of: QuadraticProgram) -> _InteriorPoint:
+    """The point inside of all bounds from which the search begins."""
+    n, m = len(of.g), len(of.c)
+    d = 0.5 * (of.least + of.greatest)
+    short = of.c + of.J @ d
+    s = jnp.maximum(short, 0.0) + 1.0
+    half = jnp.full(m, 0.5) * of.price
+    return _InteriorPoint(d, s, s - short, half, half, jnp.ones(n), jnp.ones(n))
+
+
+def _weighted_products(J: Float[Array, "m n"]) -> Callable[[Rows], Float[Array, "n n"]]:
+    """The function w -> J' diag(w) J, whose products of each row's entries are taken once."""
+    one, other = np.tril_indices(J.shape[1])
+    products = (J[:, one] * J[:, other]).T
+    places = np.zeros((J.shape[1],) * 2, int)
+    places[one, other] = places[other, one] = np.arange(len(one))
+    return lambda weight: (products @ weight)[places]
 
 
 def _refined(
     at: _InteriorPoint,
     plain: QuadraticSolution,
     of: QuadraticProgram,
-    products: Float[Array, "pairs m"],
-    places: np.ndarray,
+    weighted: Callable[[Rows], Float[Array, "n n"]],
 ) -> QuadraticSolution:
     """The solution to rounding, by the method of multipliers on the rows and bounds that hold.
 
@@ -128,7 +205,7 @@ def _refined(
     y = jnp.where(pays, of.price, jnp.where(holds, at.of_z, 0.0))
     size = jnp.trace(of.B) / jnp.maximum(jnp.max(jnp.sum(of.J**2, axis=1), initial=0.0), 1e-300)
     weight = jnp.where(holds, _STIFF * size, 0.0)
-    matrix = (of.B + (products @ weight)[places]) * free[:, None] * free + jnp.diag(1 - free)
+    matrix = (of.B + weighted(weight)) * free[:, None] * free + jnp.diag(1 - free)
     stiff = _factored(matrix)
     for _ in range(_REFINEMENTS):
         slope = of.B @ d + of.g + (y + weight * (of.c + of.J @ d)) @ of.J
@@ -152,53 +229,68 @@ def _complementarity(at: _InteriorPoint, of: QuadraticProgram) -> Float[Array, "
 
 def _step(
     at: _InteriorPoint,
-    aim: Float[Array, ""],
+    left: Float[Array, ""],
     of: QuadraticProgram,
     weighted: Callable[[Rows], Float[Array, "n n"]],
-) -> tuple[_InteriorPoint, Float[Array, ""]]:
-    """Newton's step towards products that all equal `aim`, and the shorter of its two lengths.
+) -> _InteriorPoint:
+    """The point after S. Mehrotra's step: a look at where all products vanish, then the step.
 
-    `weighted` sums the products of the rows' entries.
+    The look tells how far to go at once, and what the products bend; both solve the same equations.
     """
     below, above = at.d - of.least, of.greatest - at.d
     # s, z and their multipliers are eliminated. A row's equations, c + J d = s - z and that its
     # multipliers add up to the price, hold from the start on and at every step.
     give = at.s / at.of_s
-    s_first = aim / at.of_s - at.s
     stiff = at.z + at.of_z * give
     weight = at.of_z / stiff
-    row = (aim - at.of_z * (at.z + s_first)) / stiff
     low, high = at.of_least / below, at.of_greatest / above
-    matrix = of.B + weighted(weight) + jnp.diag(low + high)
-    right = aim / below - aim / above - of.B @ at.d - of.g - (at.of_z + row) @ of.J
-    d = _solved(_factored(matrix), right)
-    moved = of.J @ d
-    of_z = row + weight * moved
-    s = s_first + give * of_z
-    move = _InteriorPoint(
-        d=d,
-        s=s,
-        z=s - moved,
-        of_z=of_z,
-        of_s=-of_z,
-        of_least=aim / below - at.of_least - low * d,
-        of_greatest=aim / above - at.of_greatest + high * d,
+    factors = _factored(of.B + weighted(weight) + jnp.diag(low + high))
+    slope = of.B @ at.d + of.g + at.of_z @ of.J
+
+    def move(aims: _Products) -> _InteriorPoint:
+        s_first = aims.of_s / at.of_s - at.s
+        row = (aims.of_z - at.of_z * (at.z + s_first)) / stiff
+        right = aims.of_least / below - aims.of_greatest / above - slope - row @ of.J
+        d = _solved(factors, right)
+        moved = of.J @ d
+        of_z = row + weight * moved
+        s = s_first + give * of_z
+        return _InteriorPoint(
+            d=d,
+            s=s,
+            z=s - moved,
+            of_z=of_z,
+            of_s=-of_z,
+            of_least=aims.of_least / below - at.of_least - low * d,
+            of_greatest=aims.of_greatest / above - at.of_greatest + high * d,
+        )
+
+    look = move(_Products(*(jnp.zeros_like(x) for x in (at.z, at.s, below, above))))
+    there = _moved(at, look, _length(at, look, of, 1.0))
+    aim = jnp.clip((_complementarity(there, of) / left) ** 3, *_CENTER) * left
+    bent = _Products(
+        look.z * look.of_z, look.s * look.of_s, look.d * look.of_least, -look.d * look.of_greatest
     )
-    primal = _length((below, above, at.s, at.z), (d, -d, move.s, move.z))
-    dual = _length(
-        (at.of_z, at.of_s, at.of_least, at.of_greatest),
-        (move.of_z, move.of_s, move.of_least, move.of_greatest),
-    )
-    lengths = _InteriorPoint(primal, primal, primal, *(dual,) * 4)
-    there = jax.tree.map(lambda x, dx, length: x + length * dx, at, move, lengths)
-    return there, jnp.minimum(primal, dual)
+    step = move(jax.tree.map(lambda product: aim - product, bent))
+    return _moved(at, step, _length(at, step, of, _SHORT))
 
 
-def _length(values: tuple[Array, ...], moves: tuple[Array, ...]) -> Float[Array, ""]:
-    """How far all values may move and stay positive, at most 1."""
-    x, dx = jnp.concatenate(values), jnp.concatenate(moves)
+def _moved(at: _InteriorPoint, move: _InteriorPoint, length: Float[Array, ""]) -> _InteriorPoint:
+    return jax.tree.map(lambda x, dx: x + length * dx, at, move)
+
+
+def _length(
+    at: _InteriorPoint, move: _InteriorPoint, of: QuadraticProgram, part: float
+) -> Float[Array, ""]:
+    """How far numbers and multipliers may go: 1, or that part of the way to the nearest bound.
+
+    The same for both: a quadratic program couples them, and of different lengths steps may cycle.
+    """
+    below, above = at.d - of.least, of.greatest - at.d
+    x = jnp.concatenate((below, above, *at[1:]))
+    dx = jnp.concatenate((move.d, -move.d, *move[1:]))
     reach = jnp.where(dx < 0, -x / jnp.where(dx < 0, dx, -1.0), jnp.inf)
-    return jnp.minimum(1.0, _SHORT * jnp.min(reach))
+    return jnp.minimum(1.0, part * jnp.min(reach))
 
 
 class _Factors(NamedTuple):

@@ -26,7 +26,8 @@ Scalar = Float[Array, ""]
 Flag = Bool[Array, ""]
 
 _GROWTH = 4.0  # of the price of violation, where a program leaves some at that price
-_LEAST_PRICE, _LARGEST_PRICE = 1e-6, 1e10
+_LEAST_PRICE = 1e-6
+LARGEST_PRICE = 1e10  # where that leaves some, no small change helps
 RESTARTS = 3  # times a search that does not get on begins anew from where it is
 _LEAST_GAIN = 1e-4  # part of the predicted gain with which a step is taken
 _POOR, _GOOD = 0.25, 0.75  # parts of it below and above which the radius changes
@@ -109,68 +110,79 @@ class _Verdict(NamedTuple):
     valid: Flag
 
 
-def first_iterate(by: Method, x: Vector) -> SequentialIterate:
-    """The state before the first iteration from `x`."""
-    at = by.look(x)
-    size = jnp.maximum(jnp.max(jnp.abs(at.g), initial=0.0), 1e-3)
-    unknown, none, no_rows = jnp.array(jnp.inf), jnp.zeros(()), jnp.zeros_like(at.c)
-    B = jnp.eye(len(x)) * size
-    if by.curvature is not None:
-        B = _convexified(by.curvature(x, no_rows), at, no_rows > 0, x < -jnp.inf, B)
+def first_iterate(x: Vector, rows: int, radius: float) -> SequentialIterate:
+    """The state before the first iteration from `x`, for a problem with so many constraints.
+
+    That iteration evaluates at `x` and goes nowhere: evaluating here would compile it twice.
+    """
+    unknown, none, no_rows = jnp.array(jnp.inf), jnp.zeros(()), jnp.zeros(rows)
+    J = jnp.zeros((rows, len(x)))
     return SequentialIterate(
         x=x,
-        at=at,
-        B=B,
+        at=LocalSlopes(none, no_rows, jnp.zeros_like(x), J, jnp.array(True)),
+        B=jnp.eye(len(x)),
         shift=no_rows,
         gain=none,
-        radius=jnp.array(by.radius, float),
-        price=10.0 * jnp.maximum(size, 1.0),
+        radius=jnp.array(radius, float),
+        price=jnp.array(1.0),
         multipliers=no_rows,
         stationarity=unknown,
-        violation=_violation(at.c),
+        violation=unknown,
         complementarity=unknown,
         steps=jnp.array(0),
         anew=jnp.array(0),
         done=jnp.array(False),
-        stopped=~at.valid,
+        stopped=jnp.array(False),
     )
 
 
 def next_iterate(by: Method, s: SequentialIterate) -> SequentialIterate:
     """The state after one more iteration; one that has stopped does not change."""
-    at = s.at
+    at, first = s.at, s.steps == 0
     step = _proposed(by, s)
+    step = step._replace(
+        d=jnp.where(first, 0.0, step.d),
+        x=jnp.where(first, s.x, step.x),
+        multipliers=jnp.where(first, 0.0, step.multipliers),
+    )
     stationarity, complementarity, met = _conditions(by, s, step.multipliers)
-    done = met & ~step.correcting
+    done = met & ~step.correcting & ~first
     new = by.look(step.x)
     is_ = _verdict(s, step, new)
+    is_ = is_._replace(taken=is_.taken | first, correct=is_.correct & ~first)
     moves = is_.taken & ~done
     x = jnp.where(moves, step.x, s.x)
     there = jax.tree.map(lambda a, b: jnp.where(moves, a, b), new, at)
     length = jnp.max(jnp.abs(step.d) / by.sizes, initial=0.0)
-    radius = _next_radius(by, s, is_, length)
+    radius = jnp.where(first, by.radius, _next_radius(by, s, is_, length))
 
     price, short = _next_price(by, s, step, is_, length)
-    lost = ~done & ~is_.correct & ((radius < 1e-11) | ((length < 1e-13) & ~short))
+    price = jnp.where(first, 10.0 * jnp.maximum(_size(new.g), 1.0), price)
+    lost = ~done & ~is_.correct & ((radius < 1e-11) | ((length < 1e-13) & ~short)) & ~first
     begun = lost & (s.anew < RESTARTS)
     moved = SequentialIterate(
         x=x,
         at=there,
-        B=_next_model(by, s, step, new, is_, x, there, begun),
+        B=_next_model(by, s, step, new, is_, x, there, begun | first),
         shift=jnp.where(is_.correct, new.c - at.c - at.J @ step.d, 0.0),
         gain=jnp.where(is_.correct, step.gain, 0.0),
         radius=jnp.where(begun, by.radius, radius),
-        price=jnp.where(begun, jnp.minimum(10.0 * price, _LARGEST_PRICE), price),
+        price=jnp.where(begun, jnp.minimum(10.0 * price, LARGEST_PRICE), price),
         multipliers=step.multipliers,
-        stationarity=stationarity,
+        stationarity=jnp.where(first, jnp.inf, stationarity),
         violation=_violation(there.c),
-        complementarity=complementarity,
+        complementarity=jnp.where(first, jnp.inf, complementarity),
         steps=s.steps + 1,
         anew=s.anew + begun,
         done=done,
-        stopped=done | (lost & ~begun),
+        stopped=done | (lost & ~begun) | (first & ~new.valid),
     )
     return jax.tree.map(lambda old, fresh: jnp.where(s.stopped, old, fresh), s, moved)
+
+
+def _size(slope: Vector) -> Scalar:
+    """The largest component, from below which nothing is told."""
+    return jnp.maximum(jnp.max(jnp.abs(slope), initial=0.0), 1e-3)
 
 
 def _proposed(by: Method, s: SequentialIterate) -> _Step:
@@ -239,9 +251,9 @@ def _next_price(
     largest = jnp.max(step.multipliers, initial=0.0)
     # What a program leaves unmet at this price costs more from now on, unless the radius held it.
     held = (length > 0.9 * s.radius) & (step.left < jnp.sum(jnp.maximum(s.at.c, 0.0)))
-    missed = (step.left > by.tol) & (s.violation > by.tol) & (s.price < _LARGEST_PRICE)
+    missed = (step.left > by.tol) & (s.violation > by.tol) & (s.price < LARGEST_PRICE)
     short = missed & (largest > 0.9 * s.price) & ~held
-    higher = jnp.minimum(_GROWTH * s.price, _LARGEST_PRICE)
+    higher = jnp.minimum(_GROWTH * s.price, LARGEST_PRICE)
     # A price far above the multipliers makes a search creep along curved constraints.
     enough = jnp.maximum(jnp.maximum(2.0 * largest, _LEAST_PRICE), s.price / _GROWTH)
     easy = is_.taken & (step.left <= by.tol) & (s.anew == 0)
@@ -269,8 +281,7 @@ def _next_model(
 ) -> Square:
     """The Lagrangian's second derivatives for the next program."""
     if by.curvature is None:
-        slope = s.at.g + s.at.J.T @ step.multipliers
-        plain = jnp.maximum(jnp.max(jnp.abs(slope), initial=0.0), 1e-3) * jnp.eye(len(x))
+        plain = _size(there.g + there.J.T @ step.multipliers) * jnp.eye(len(x))
         B = jnp.where(is_.valid, _updated(s.B, step.d, s.at, new, step.multipliers), s.B)
         return jnp.where(begun, plain, B)
     y = step.multipliers

@@ -214,5 +214,7 @@ def test_a_shaft_that_passes_torque_needs_friction():
     drive = two_belts()
     bare = dataclasses.replace(drive.pulleys[4], friction=None)
     drive = dataclasses.replace(drive, pulleys=(*drive.pulleys[:4], bare, *drive.pulleys[5:]))
-    with pytest.raises(ValueError, match="'sheave' has torque"):
+    with pytest.raises(
+        ValueError, match=r"pulley\.sheave\.friction is missing; this pulley has torque"
+    ):
         bj.contact_state(drive, bj.OperatingPoint(driver_speed=150.0, torque=TORQUES))

@@ -8,30 +8,19 @@ import numpy as np
 import pytest
 from bodies_cases import LEVER, load, swap
 from drives import flat_numbers, three_ways
+from small_drives import PRESSED, belt, pulley
 
 import beltjax as bj
 from beltjax.drive.bodies import bodies, outside_forces
 
 # A motor hangs on a rocker to the left of a fan and below its pivot: its weight tightens the belt.
 # The fan is called the driver: its motion is given, and the motor's torque is what it gives.
-ROCKER = """
-gravity = [0.0, -9.81]
-[belt]
-axial_stiffness = 1e13
-bending_stiffness = 0.0
-mass_per_length = 0.1
-[[pulley]]
-name = "motor"
-center = [0.0, 0.0]
-radius = 0.05
-face = "grooved"
-housing = "arm"
-[[pulley]]
-name = "fan"
-center = [0.6, 0.1]
-radius = 0.15
-face = "grooved"
-driver = true
+ROCKER = (
+    "gravity = [0.0, -9.81]"
+    + belt(EA="1e13")
+    + pulley("motor", 0.0, 0.0, 0.05, more='housing = "arm"')
+    + pulley("fan", 0.6, 0.1, 0.15, more="driver = true")
+    + """
 [[tensioner]]
 name = "rocker"
 pulley = "motor"
@@ -42,25 +31,13 @@ mass_center = [0.02, -0.03]
 belt_speed = 0.0
 torque = { motor = -6.0 }
 """
+)
 # A conveyor's belt turns round a drum on a carriage, which a weight pulls away from the head.
-TAKE_UP = """
-[belt]
-axial_stiffness = 4e5
-bending_stiffness = 0.0
-mass_per_length = 6.0
-[[pulley]]
-name = "tail"
-center = [0.0, 0.0]
-radius = 0.25
-face = "grooved"
-friction = 0.35
-[[pulley]]
-name = "head"
-center = [12.0, 0.0]
-radius = 0.25
-face = "grooved"
-friction = 0.35
-driver = true
+TAKE_UP = (
+    belt(EA="4e5", mass=6.0)
+    + pulley("tail", 0.0, 0.0, 0.25, more="friction = 0.35")
+    + pulley("head", 12.0, 0.0, 0.25, more="friction = 0.35\ndriver = true")
+    + """
 [[tensioner]]
 name = "carriage"
 kind = "linear"
@@ -71,28 +48,10 @@ force = "9 kN"
 belt_speed = 1.6
 torque = { tail = 150.0 }
 """
-ARM = """
-[belt]
-axial_stiffness = 1e5
-bending_stiffness = 0.0
-mass_per_length = 0.1
-[[pulley]]
-name = "crank"
-center = [0.0, 0.0]
-radius = 0.08
-face = "grooved"
-driver = true
-[[pulley]]
-name = "pump"
-center = [0.4, 0.0]
-radius = 0.08
-face = "grooved"
-[[pulley]]
-name = "idler"
-center = [0.2, 0.05]
-radius = 0.03
-face = "back"
-[tensioner]
+)
+ARM = (
+    PRESSED
+    + """[tensioner]
 pulley = "idler"
 pivot = [0.08, 0.14]
 stiffness = "20 N m/rad"
@@ -100,6 +59,7 @@ preload = "-12 N m"
 [operation]
 belt_speed = 20.0
 """
+)
 
 
 def tangents(first, second, r1, r2):

@@ -81,6 +81,55 @@ def test_belt_that_does_not_fit_is_a_bad_file(run, tmp_path):
     assert not (tmp_path / "out.json").exists()
 
 
+def test_a_length_is_refused_as_it_was_typed(run, tmp_path):
+    """An effective length in mm; the path's ends less 2 pi offsets are what `layout` finds."""
+    text = (EXAMPLES / "six_pulley_accessory.toml").read_text()
+    rule = '[installation]\nbelt_length = { effective = "1431 mm" }\nfree_angle = 0.3\n[operation]'
+    text = re.sub(r"preload = .*", "", text).replace("[operation]", rule)
+    (tmp_path / "short.toml").write_text(text)
+    status, _, err = run("analyze", "short.toml")
+    assert status == 1
+    assert one_line(err)
+    assert "belt_length: found 1431.0 mm, too short: the path takes 16" in err
+    assert "mm along the effective line; change belt_length" in err
+
+
+def test_of_several_belts_the_one_that_does_not_fit_is_named(run, tmp_path):
+    """On fixed centers: one belt stretched by half a percent, the other too long by 2 mm."""
+    text = (EXAMPLES / "combine_two_belts.toml").read_text()
+    rule = '[installation.belt_length]\nmain = "3430 mm"\ndrum = "2880 mm"\n\n'
+    text = re.sub(r"\[installation\.tension\](?s:.*?)\n\n", rule, text)
+    (tmp_path / "long.toml").write_text(text)
+    status, _, err = run("analyze", "long.toml")
+    assert status == 1
+    assert one_line(err)
+    assert "belt_length.main: found 3430.0 mm, too long: the path takes 3428.2 mm along" in err
+
+
+GIVEN_BELT = "belt_length = 1.508\nfree_angle = -0.23"
+
+
+@pytest.mark.parametrize(
+    ("rule", "says"),
+    [
+        ("tension = 300.0", "raise installation.tension, or lower the torques"),
+        (
+            GIVEN_BELT,
+            "shorten installation.belt_length, or turn installation.free_angle further in",
+        ),
+    ],
+    ids=["tension", "belt"],
+)
+def test_more_tension_is_advised_by_the_key_that_the_file_gives(run, tmp_path, rule, says):
+    text = THREE.replace("tension = 300.0", rule).replace("accessory = 0.0", "accessory = -20.0")
+    (tmp_path / "slack.toml").write_text(text)
+    status, _, err = run("analyze", "slack.toml")
+    assert status == 2
+    assert one_line(err)
+    assert says in err
+    assert ("installation.tension" in err) == ("tension" in rule.split()[0])
+
+
 def test_stops_that_leave_out_the_drawn_arm_are_told(run, tmp_path):
     """The drawn arm is at -3.749 deg, and [tensioner] counts directions."""
     rule = "[installation]\nbelt_length = 1.51\nfree_angle = -0.23"
@@ -113,7 +162,10 @@ def test_belt_that_is_hardly_too_long_is_told_by_digits_and_sent_to_contact(run,
     status, _, err = run("analyze", "long.toml")
     assert status == 1
     assert one_line(err)
-    assert "found 0.23202 m, too long: the path takes 0.23200 m; change belt_length" in err
+    assert (
+        "found 0.23202 m, too long: the path takes 0.23200 m along the neutral axis; change belt_length"
+        in err
+    )
     assert "`beltjax contact` tells whether a stiff belt is tight" in err
 
 

@@ -1,6 +1,7 @@
 """Contact on the command line: JSON keys, the table, pictures, one line for what cannot be."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -47,6 +48,23 @@ def test_the_table_5_1_drive_with_all_keys_and_pictures(run, tmp_path):
     assert slack["angle_start_deg"] > 0 > slack["angle_end_deg"]
     assert (tmp_path / "c.png").read_bytes().startswith(PNG)
     assert b"<svg" in (tmp_path / "m.svg").read_bytes()[:600]
+
+
+def test_speeds_have_the_sign_that_analyze_gives_them(run, tmp_path):
+    """The belt of the table runs one way and then the other."""
+    senses = []
+    for travel in ("listed", "opposite"):
+        text = re.sub(r'travel = "\w+"', "", TWO.read_text())
+        text = text.replace("[operation]", f'[operation]\ntravel = "{travel}"')
+        (tmp_path / "drive.toml").write_text(text)
+        speeds = []
+        for command in ("contact", "analyze"):
+            _, out, _ = run(command, "drive.toml", "--json", "-")
+            speeds.append([row["speed"] for row in json.loads(out)["pulleys"]])
+        assert np.sign(speeds[0]) == pytest.approx(np.sign(speeds[1]))
+        assert speeds[0][0] == pytest.approx(speeds[1][0], rel=1e-9)  # the driver's is given
+        senses.append(np.sign(speeds[0][0]))
+    assert senses == [1.0, -1.0]
 
 
 @pytest.mark.slow

@@ -190,10 +190,11 @@ def test_without_a_speed_of_its_own_the_operation_is_the_first_duty(run, tmp_pat
 
 def test_other_commands_take_the_duty_that_is_named(run, tmp_path):
     (tmp_path / "drive.toml").write_text(BARE + DUTIES)
-    for name, (_, point) in {
+    for name, (_, point, at) in {
         "heavy": vibrating(tmp_path / "drive.toml", "heavy"),
         "fast": read_drive(tmp_path / "drive.toml", "fast"),
     }.items():
+        assert at == f"duty {name}"
         assert operation_content(point) == operation_content(
             load_drive(tmp_path, BARE + ALONE[name])[1]
         )
@@ -204,6 +205,19 @@ def test_other_commands_take_the_duty_that_is_named(run, tmp_path):
         assert status == 1
         assert "there is no duty 'slow' in drive.toml; give one of idle, fast, heavy" in err
         assert err.count("\n") == 1
+
+
+def test_a_title_says_at_which_of_several_points_it_answers(run, tmp_path):
+    """With [operation] and duties, with duties alone, and without duties."""
+    alone = swap(BARE + DUTIES, "belt_speed = 20\n", "")
+    alone = swap(alone, 'name = "heavy"\n', 'name = "heavy"\nbelt_speed = 20\n')
+    sweep = "sweep", "drive.toml", "--over", "installation.tension=300:310:2", "--json", "s.json"
+    for text, at in [(BARE + DUTIES, "[operation]"), (alone, "duty idle"), (THREE, "")]:
+        (tmp_path / "drive.toml").write_text(text)
+        status, out, _ = run(*sweep)
+        assert status == 0
+        assert json.loads((tmp_path / "s.json").read_text())["at"] == at
+        assert f"{at and f' at {at}'}: natural frequencies" in out
 
 
 def test_what_a_duty_does_not_state_is_that_of_the_operation(tmp_path):

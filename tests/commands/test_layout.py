@@ -93,6 +93,94 @@ def test_moving_the_arm_takes_the_path_along(run, tmp_path):
     assert tensioner["path_per_move"] == pytest.approx(slope, rel=1e-7)
 
 
+# Two pulleys and an idler on a slide that presses the belt in from above; its maker's lengths.
+PRESSED = """
+listed = "counterclockwise"
+[belt]
+pitch_offset = "1.5 mm"
+back_offset = "1.5 mm"
+standard_lengths = { effective = ["1250 mm", "1280 mm"] }
+[[pulley]]
+name = "motor"
+center = [0, 0]
+effective_diameter = "160 mm"
+face = "grooved"
+driver = true
+[[pulley]]
+name = "fan"
+center = ["400 mm", 0]
+effective_diameter = "160 mm"
+face = "grooved"
+[[pulley]]
+name = "idler"
+center = ["200 mm", "100 mm"]
+smooth_diameter = "60 mm"
+face = "back"
+[[tensioner]]
+name = "slide"
+kind = "linear"
+pulley = "idler"
+direction = "90 deg"
+[installation]
+belt_length = { effective = "1320 mm" }
+"""
+
+
+def pressed_path(y):
+    """Path round pulleys of 160 mm, 400 mm apart, and the idler pressed in to a height y [m]."""
+    r, s = 0.0815, 0.0315
+    apart, between = math.hypot(0.2, y), math.atan2(y, 0.2)
+    lean = math.asin((r + s) / apart)  # of the crossed tangents between pulley and idler
+    down = lean - between
+    side = math.sqrt(apart**2 - (r + s) ** 2)
+    return 0.4 + 2 * math.pi * r + 2 * side + 2 * (r + s) * down
+
+
+def test_the_files_own_belt_is_fitted_in_its_makers_measure(run, tmp_path):
+    """Where the path round the idler is the length, by hand; a belt too long for any is said so."""
+    found, out = document(run, tmp_path, PRESSED)
+    excess = 2 * math.pi * 0.0015
+    (given,), (shorter,) = found["given_belts"], found["standard_belts"]
+    assert given["effective_length"] == pytest.approx(1.320, rel=1e-12)
+    assert given["length"] == pytest.approx(1.320 + excess, rel=1e-12)
+    path = found["belts"][0]["path_length"]
+    assert path == pytest.approx(pressed_path(0.1), rel=1e-12)
+    assert given["less_path"] == pytest.approx(1.320 + excess - path, rel=1e-9)
+    (fit,) = given["fits"]
+    assert pressed_path(0.1 + fit["coordinate"]) == pytest.approx(1.320 + excess, rel=1e-10)
+    assert (given["reason"], shorter["fits"]) == ("", [])
+    assert shorter["effective_length"] == pytest.approx(1.280, rel=1e-12)
+    assert re.search(r"belt +effective length \(mm\) +less the path \(mm\)", out)
+    assert re.search(r"belt +1320\.00 +16\.49 +- +slide +-44\.8\d mm", out)
+    assert re.search(r"belt +1280\.00 +-23\.51 .* as slide is moved, the belt does not touch", out)
+    # The same belt by its other length, which then is the one shown.
+    plain, out = document(run, tmp_path, PRESSED.replace('effective = "1320', 'pitch = "1329.42'))
+    assert plain["given_belts"][0]["length"] == pytest.approx(given["length"], abs=1e-5)
+
+
+def test_belts_of_several_loops_are_fitted_each(run, tmp_path):
+    """Bare pulleys on fixed centers: nothing makes room, and what is missing is said."""
+    text = (EXAMPLES / "combine_two_belts.toml").read_text()
+    given = '[installation.belt_length]\nmain = "3.42 m"\ndrum = "2.9 m"\n'
+    changed = re.sub(r"\[installation\.tension\](?s:.*?)\n\n", given + "\n", text)
+    found, _ = document(run, tmp_path, changed)
+    paths = {belt["name"]: belt["path_length"] for belt in found["belts"]}
+    for belt, length in zip(found["given_belts"], (3.42, 2.9), strict=True):
+        assert belt["less_path"] == pytest.approx(length - paths[belt["belt"]], rel=1e-12)
+        assert (belt["fits"], belt["reason"]) == ([], "no pulley can move")
+    without = re.sub(r"\[installation\.tension\](?s:.*?)\n\n", "", text)
+    assert document(run, tmp_path, without)[0]["given_belts"] == []
+
+
+def test_what_a_body_cannot_reach_is_said(run, tmp_path):
+    """An arm whose pulley goes round in a circle makes the path no longer than it is on top."""
+    arm = 'kind = "rotary"\npulley = "idler"\npivot = ["200 mm", "115 mm"]'
+    turning = re.sub(r'kind = "linear"(?s:.*?)90 deg"', arm, PRESSED)
+    found, out = document(run, tmp_path, turning.replace('"1320 mm"', '"1400 mm"'))
+    assert found["given_belts"][0]["reason"] == "no place of slide makes the path so long"
+    assert "no place of slide makes the path so long" in out
+
+
 def test_tables_are_written_as_comma_separated_values(run, tmp_path):
     found, out = document(run, tmp_path, OPEN.replace("fan", "fan [left], low"), "--csv", "out.csv")
     assert "wrote out.json, out.csv" in out

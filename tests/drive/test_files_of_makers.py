@@ -9,6 +9,7 @@ from bodies_cases import load, swap
 from drives import EXAMPLES
 
 import beltjax as bj
+from beltjax.commands.reports.units import TableUnits
 from beltjax.drive.files import drive_content
 
 THREE = (EXAMPLES / "three_pulley.toml").read_text()
@@ -87,13 +88,37 @@ def test_a_saved_file_has_the_same_drive(tmp_path):
         ('face = "grooved"\ndriver', 'face = "grooved"\nfriction = 0.3\ngroove_angle = "200 deg"\ndriver', r"pulley\.crank\.groove_angle: found '200 deg'; give the angle between the flanks"),
         ('face = "grooved"\ndriver', 'face = "grooved"\ngroove_angle = "40 deg"\ndriver', r"pulley\.crank\.groove_angle: belongs to .* friction"),
         ('{ effective = "1337.3 mm" }', '{ outside = "1.4 m" }', r"installation\.belt_length.*outside"),
+        ('{ effective = "1337.3 mm" }', '"1337.3 mm"', r"installation\.belt_length: found '1337\.3 mm', along the effective line or along the neutral axis \(belt\.pitch_offset is between them\)\? Give \{ effective = \"1337\.3 mm\" \}, as makers print it, or \{ pitch = \"1337\.3 mm\" \}"),
+        ('{ effective = "1337.3 mm" }', "1.3373", r"installation\.belt_length: found 1\.3373, .* Give \{ effective = 1\.3373 \}"),
+        ('pitch_offset = "1.5 mm"', 'pitch_offset = "1.5 mm"\nstandard_lengths = [1.33, 1.36]', r"belt\.standard_lengths: found a list of 2, along .* Give \{ effective = \[\.\.\] \}"),
     ],
-    ids=["face", "twice", "offset", "unit", "millimeters", "groove on the back", "angle", "no friction", "length"],
+    ids=["face", "twice", "offset", "unit", "millimeters", "groove on the back", "angle", "no friction", "length", "which length", "which number", "which lengths"],
 )  # fmt: skip
 def test_what_does_not_fit_is_one_line(tmp_path, old, new, says):
     with pytest.raises(bj.FileError) as error:
         load(tmp_path, swap(RIBBED, old, new))
     assert re.search(says, str(error.value))
+
+
+def test_a_study_bounds_the_length_that_the_file_gives(tmp_path):
+    load(tmp_path, RIBBED)
+    (tmp_path / "study.toml").write_text(
+        'drive = "drive.toml"\n[objective]\nminimize = "path_length"\n[[variable]]\n'
+        'name = "installation.belt_length"\nlower = "1330 mm"\nupper = "1345 mm"\n'
+    )
+    study = bj.optimize.load_study(tmp_path / "study.toml")
+    excess = 2 * math.pi * 0.0015
+    np.testing.assert_allclose(study.variables.lower, [1.330 + excess], rtol=1e-14)
+    length = float(study.drive.installation.belt_length)
+    shown = TableUnits(study.drive).of_number("installation.belt_length", length)
+    assert shown == ("1337.3", "mm")
+
+
+def test_a_length_has_one_meaning_where_both_lines_are_one(tmp_path):
+    """Without an offset, or with none given, a bare length is that of the neutral axis."""
+    bare = swap(RIBBED, '{ effective = "1337.3 mm" }', '"1337.3 mm"')
+    drive, _ = load(tmp_path, swap(bare, 'pitch_offset = "1.5 mm"', "pitch_offset = 0"))
+    assert float(drive.installation.belt_length) == 1.3373
 
 
 def test_flanks_hold_like_a_wedge(tmp_path):

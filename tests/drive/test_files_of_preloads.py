@@ -6,33 +6,16 @@ import numpy as np
 import pytest
 from bodies_cases import load, swap
 from drives import EXAMPLES
+from small_drives import PRESSED
 
 import beltjax as bj
+from beltjax.commands.reports.units import TableUnits
 from beltjax.drive.files import drive_content
 
-SPRUNG = """
-gravity = [0, "-9.81 m/s^2"]
-[belt]
-axial_stiffness = 1e5
-bending_stiffness = 0.0
-mass_per_length = 0.1
-[[pulley]]
-name = "crank"
-center = [0.0, 0.0]
-radius = 0.08
-face = "grooved"
-driver = true
-[[pulley]]
-name = "pump"
-center = [0.4, 0.0]
-radius = 0.08
-face = "grooved"
-[[pulley]]
-name = "idler"
-center = [0.2, 0.05]
-radius = 0.03
-face = "back"
-[[tensioner]]
+SPRUNG = (
+    'gravity = [0, "-9.81 m/s^2"]'
+    + PRESSED
+    + """[[tensioner]]
 name = "arm"
 pulley = "idler"
 pivot = [0.08, 0.14]
@@ -41,6 +24,7 @@ preload = "-12 N m"
 [operation]
 belt_speed = 20.0
 """
+)
 SLIDE = SPRUNG.replace(
     'pivot = [0.08, 0.14]\nstiffness = "20 N m/rad"\npreload = "-12 N m"',
     'kind = "linear"\ndirection = [0, -1]\npreload = "150 N"',
@@ -56,6 +40,37 @@ def test_preload_over_rate_is_where_the_spring_is_relaxed(tmp_path):
     text = swap(SPRUNG, '"-12 N m"', f'"-12 N m"\nat_angle = "{angle!r} deg"')
     drive, _ = load(tmp_path, text.replace("np.float64(", "").replace(") deg", " deg"))
     np.testing.assert_allclose(drive.installation.free, [-12 / 20 - np.radians(20)], rtol=1e-14)
+
+
+def test_a_study_may_choose_a_preload(tmp_path):
+    """The drawn layout stays, and the tension grows as the moment that balances it does."""
+    load(tmp_path, SPRUNG)
+    (tmp_path / "study.toml").write_text(
+        'drive = "drive.toml"\n[objective]\nminimize = "path_length"\n[[variable]]\n'
+        'name = "tensioner.arm.preload"\nlower = "-24 N m"\nupper = "-90 lbf in"\n'
+    )
+    study = bj.optimize.load_study(tmp_path / "study.toml")
+    np.testing.assert_allclose(study.variables.upper, [-90 * 4.4482216152605 * 0.0254], rtol=1e-12)
+    drive, name = study.drive, "tensioner.arm.preload"
+    assert float(bj.optimize.value_of(drive, name)) == pytest.approx(-12, rel=1e-15)
+    assert drive.units[name] == "N m"
+    doubled = bj.optimize.with_values(drive, {name: -24.0})
+    still = bj.OperatingPoint(belt_speed=0.0)
+    one, two = (bj.reference_state(d, still).tensions for d in (drive, doubled))
+    np.testing.assert_allclose(two, 2 * np.asarray(one), rtol=1e-12)
+    # With another stiffness the preload is the same, and not where the spring is relaxed.
+    soft = bj.optimize.with_values(drive, {name: -12.0, "tensioner.arm.stiffness": 5.0})
+    np.testing.assert_allclose(soft.installation.free, [-12 / 5], rtol=1e-15)
+    np.testing.assert_allclose(bj.reference_state(soft, still).tensions, one, rtol=1e-12)
+
+
+def test_a_preload_at_an_angle_is_shown_as_the_file_counts_it(tmp_path):
+    text = swap(SPRUNG, '"-12 N m"', '"-12 N m"\nat_angle = "-50 deg"')
+    drive, _ = load(tmp_path, text)
+    turn = np.radians(-50) - np.arctan2(-0.09, 0.12)
+    drawn = float(bj.optimize.value_of(drive, "tensioner.arm.preload"))
+    assert drawn == pytest.approx(-12 + 20 * turn, rel=1e-12)
+    assert TableUnits(drive).of_number("tensioner.arm.preload", drawn) == ("-12", "N m")
 
 
 def test_what_has_no_rate_is_a_constant_force(tmp_path):
@@ -74,8 +89,13 @@ def test_a_saved_file_has_the_same_drive(tmp_path, text):
     assert type(again.installation) is type(drive.installation)
 
 
-def test_geometry_alone_needs_no_spring(run, tmp_path):
-    (tmp_path / "sheet.toml").write_text(SPRUNG.replace('stiffness = "20 N m/rad"\n', ""))
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [('stiffness = "20 N m/rad"\n', ""), ('"-12 N m"', '"-12 N m"\nat_angle = "-50 deg"')],
+    ids=["no stiffness", "at an angle"],
+)
+def test_geometry_alone_needs_no_spring(run, tmp_path, old, new):
+    (tmp_path / "sheet.toml").write_text(swap(SPRUNG, old, new))
     status, out, _ = run("layout", "sheet.toml")
     assert (status, "idler" in out) == (0, True)
 

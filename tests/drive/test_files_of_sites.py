@@ -10,6 +10,7 @@ from bodies_cases import load
 from drives import EXAMPLES
 
 import beltjax as bj
+from beltjax.commands.reports.units import TableUnits
 from beltjax.drive.files import drive_content, load_geometry
 
 SITE = ("481250.25", "5340120.5")
@@ -72,6 +73,57 @@ def test_geometry_alone_is_moved_too(tmp_path):
     drive, *_ = load_geometry(tmp_path / "sheet.toml")
     assert drive.origin == (481250.0, 5340120.0)
     assert float(np.abs(drive.centers).max()) < 2
+
+
+STUDY = """
+drive = "drive.toml"
+[objective]
+minimize = "path_length"
+[[variable]]
+name = "pulley.accessory.center.x"
+lower = {lower}
+upper = "{upper} m"
+snap = [{snap}]
+[[variable]]
+name = "pulley.tensioner.center.y"
+lower = {y_lower}
+upper = {y_upper}
+[[tie]]
+name = "pulley.crankshaft.center.y"
+to = "pulley.tensioner.center.y"
+mirror = {mirror}
+"""
+
+
+def study_of(folder, text, shift):
+    """Bounds, values on sale and a tie in the coordinates of the file, by decimals."""
+    (folder / "drive.toml").write_text(text)
+    x, y = map(Decimal, shift)
+    numbers = {
+        "lower": x - Decimal("0.02"),
+        "upper": x + Decimal("0.03"),
+        "snap": x + Decimal("0.01"),
+        "y_lower": y + Decimal("0.05"),
+        "y_upper": y + Decimal("0.06"),
+        "mirror": y + (Decimal("0.0556") + Decimal("0.05715")) / 2,
+    }
+    (folder / "study.toml").write_text(STUDY.format(**numbers))
+    return bj.optimize.load_study(folder / "study.toml")
+
+
+def test_a_study_counts_from_where_the_drive_file_does(tmp_path):
+    near = study_of(tmp_path, THREE, ("0", "0"))
+    far = study_of(tmp_path, moved(THREE), SITE)
+    # Of both drives the same numbers: the site's coordinates less an origin at whole meters.
+    for of, by in ((far.variables.lower, near.variables.lower), (far.snaps[0].values, (0.01,))):
+        np.testing.assert_allclose(np.asarray(of)[:1] - np.asarray(by)[:1], 0.25, atol=1e-9)
+    np.testing.assert_allclose(far.variables.upper - near.variables.upper, [0.25, 0.5], atol=1e-9)
+    np.testing.assert_allclose(far.ties.offsets - near.ties.offsets, 2 * 0.5, atol=1e-9)
+    units = TableUnits(far.drive)
+    assert units.of_number("pulley.accessory.center.x", 0.2625) == ("481250262.5", "mm")
+    saved = tmp_path / "saved.toml"
+    bj.save_drive(saved, far.drive, far.point)
+    assert not bj.load_drive(saved)[0].units.shifts  # it counts from the origin that it states
 
 
 @pytest.mark.parametrize(

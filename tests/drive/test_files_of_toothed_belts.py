@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 from bodies_cases import load, swap
+from drives import EXAMPLES
 from scipy.optimize import brentq
 
 import beltjax as bj
@@ -136,9 +137,22 @@ def test_contact_says_in_one_line_that_nothing_slips(run, tmp_path):
     (tmp_path / "saw.toml").write_text(SAW)
     status, out, err = run("contact", "saw.toml")
     assert (status, out, err.count("\n")) == (1, "", 1)
-    assert re.search(r"belt\.pitch: a toothed belt does not slip.*analyze", err)
+    assert re.search(r"belt\.pitch: is of a toothed belt, which does not slip.*analyze", err)
     with pytest.raises(ValueError, match="does not slip"):
         bj.contact_state(*bj.load_drive(tmp_path / "saw.toml"))
+
+
+def test_contact_says_what_to_do_about_one_toothed_belt_of_several(run, tmp_path):
+    text = (EXAMPLES / "combine_two_belts.toml").read_text()
+    toothed = swap(text, 'name = "drum"\n', 'name = "drum"\npitch = "20 mm"\n')
+    held, slipping = toothed.split('name = "pinion"')
+    slipping = slipping.replace("friction = 0.9\n", "")
+    (tmp_path / "two.toml").write_text(f'{held}name = "pinion"{slipping}')
+    status, out, err = run("contact", "two.toml")
+    assert (status, out, err.count("\n")) == (1, "", 1)
+    assert re.search(r"belt\.drum\.pitch: .* for the others describe a drive", err)
+    with pytest.raises(ValueError, match="for the others describe a drive without this belt"):
+        bj.contact_state(*bj.load_drive(tmp_path / "two.toml"))
 
 
 @pytest.mark.parametrize(

@@ -205,6 +205,45 @@ def test_key_or_name_that_is_refused_is_led_on(old, new, says, tmp_path):
     assert re.search(says, refused(bj.load_drive, path))
 
 
+BARE = "write it without quotes"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("center = [0.0, 0.0]", 'center = "[0, 0]"', f"center: found '[0, 0]'; {BARE}"),
+        ("radius = 0.0889", 'radius = "[1]"', "a list stands without quotes: [1]"),
+        ("driver = true", 'driver = "true"', f"driver: found 'true'; {BARE}"),
+        ("[operation]", '[operation]\nload = "{a = 0}"', f"load: found '{{a = 0}}'; {BARE}"),
+    ],
+)  # fmt: skip
+def test_what_stands_without_quotes_is_said_so(old, new, says, tmp_path):
+    assert old in THREE
+    path = tmp_path / "drive.toml"
+    path.write_text(THREE.replace(old, new, 1))
+    assert refused(bj.load_drive, path).endswith(says)
+
+
+MEANT = "bending_stifness: is not a known key; did you mean 'bending_stiffness'?"
+NEGATIVE = "belt.thickness: found -1; must not be less than 0"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("bending_stiffness", "bending_stifness", MEANT),
+        ("[belt]", "[belt]\nfoo = 1\nthickness = -1", f"(and 1 more problem: {NEGATIVE})"),
+        ("[belt]", "[belt]\na = 1\nbb = 1\ncc = 1", " (and 2 more problems: belt.bb, belt.cc)"),
+    ],
+    ids=["the same", "another", "several"],
+)  # fmt: skip
+def test_other_problems_are_named(old, new, says, tmp_path):
+    """A misspelt key and the missing one that it was meant for are one problem."""
+    path = tmp_path / "drive.toml"
+    path.write_text(THREE.replace(old, new, 1))
+    assert refused(bj.load_drive, path).endswith(says)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [

@@ -6,42 +6,25 @@ import re
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from small_drives import belt, pulley
 
 import beltjax as bj
 
 # Two pulleys above each other, and an idler that presses the belt inwards on either side.
-DRIVE = """
-[belt]
-axial_stiffness = 1e5
-bending_stiffness = 0.0
-mass_per_length = 0.1
-pitch = "5 mm"
-[[pulley]]
-name = "crank"
-center = [0.0, 0.0]
-radius = 0.08
-face = "grooved"
-driver = true
-[[pulley]]
-name = "right"
-center = [0.09, 0.2]
-radius = 0.03
-face = "back"
-[[pulley]]
-name = "pump"
-center = [0.0, 0.4]
-radius = 0.08
-face = "grooved"
-[[pulley]]
-name = "left"
-center = [-0.09, 0.2]
-radius = 0.03
-face = "back"
+DRIVE = (
+    belt()
+    + 'pitch = "5 mm"\n'
+    + pulley("crank", 0.0, 0.0, 0.08, more="driver = true")
+    + pulley("right", 0.09, 0.2, 0.03, "back")
+    + pulley("pump", 0.0, 0.4, 0.08)
+    + pulley("left", -0.09, 0.2, 0.03, "back")
+    + """
 [installation]
 tension = 400.0
 [operation]
 belt_speed = 0.0
 """
+)
 STUDY = """
 drive = "drive.toml"
 [objective]

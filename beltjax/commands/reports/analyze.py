@@ -39,7 +39,7 @@ from beltjax.commands.reports.duties import (
 from beltjax.commands.reports.report import Report
 from beltjax.commands.reports.units import TableUnits
 from beltjax.commands.reports.vibrating import MOST_VIBRATING, require_few_pulleys, require_inertias
-from beltjax.commands.reports.warnings import modes_left_out, steady_warnings
+from beltjax.commands.reports.warnings import file_warnings, modes_left_out, steady_warnings
 from beltjax.compiling.kept_programs import run_kept
 from beltjax.draw.labels import mode_labels
 from beltjax.drive.bodies import single_arm
@@ -182,6 +182,7 @@ def analyze_report(
         document |= duties_document(drive, point, duties)
         document["warnings"] = duty_warnings(document)
         failure = failure or duty_failure(document["duties"], path)
+    document["warnings"] = [*file_warnings(drive), *document["warnings"]]
     document["success"] = not failure
     if has_inertias(drive) and not few:
         document["warnings"].append(modes_left_out(drive, MOST_VIBRATING))

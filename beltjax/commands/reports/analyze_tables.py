@@ -12,6 +12,7 @@ from beltjax.commands.reports.duties import duty_title, hub_load_table, worst_ta
 from beltjax.commands.reports.tables import largest_changes, number, plain_table
 from beltjax.commands.reports.units import TableUnits
 from beltjax.commands.reports.warnings import warning_lines
+from beltjax.drive.installation import BELT_LENGTH
 
 _LARGEST_SENSITIVITIES = 8
 _POINTS = "center", "pivot", "direction", "gravity"  # whose two numbers have keys in .x and .y
@@ -137,8 +138,9 @@ def summary_table(document: dict[str, Any], units: TableUnits) -> Table:
     for label, value, digits, unit in rows:
         if value is not None:
             values = value if isinstance(value, list) else [value]  # of several belts
-            words = ", ".join(units.text(one, unit, digits) for one in values)
-            table.add_row(label, words, units.name(unit))
+            kind = BELT_LENGTH if unit == "m" else ""
+            words = ", ".join(units.text(one, unit, digits, kind) for one in values)
+            table.add_row(label, words, units.name(unit, kind))
     return table
 
 
@@ -162,7 +164,7 @@ def _gamma_table(slopes: dict[str, Any], sizes: dict[str, Any], units: TableUnit
     )
     parts = (p for name in slopes for p in components(name, sizes[name], slopes[name]))
     for name, change, slope in largest_changes(parts)[:_LARGEST_SENSITIVITIES]:
-        one, unit = units.of_number(name.partition("[")[0], 1.0)
+        one, unit = units.unit_of_number(name.partition("[")[0])
         per = f"1/({unit})" if set(unit) & set(" /*") else f"1/{unit}" if unit else ""
         table.add_row(escape(name), f"{change:+.3e}", f"{slope / one:+.4g}", per)
     return table

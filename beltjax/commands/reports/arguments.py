@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -17,20 +17,33 @@ Value = TypeVar("Value")
 _MOST_POINTS = 100_000
 
 
-def read_drive(
-    path: str | os.PathLike[str], duty: str | None = None
-) -> tuple[Drive, OperatingPoint]:
+class Asked(NamedTuple):
+    """The drive of a file, and the operating point at which a command answers."""
+
+    drive: Drive
+    point: OperatingPoint
+    at: str  # its name; empty where the file has no duties
+
+
+def titled(document: dict[str, Any]) -> str:
+    """The name of a document's drive, and where the file has several the operating point."""
+    return document["drive"] + (f" at {document['at']}" if document["at"] else "")
+
+
+def read_drive(path: str | os.PathLike[str], duty: str | None = None) -> Asked:
     """The drive of a file, and the operating point of its [operation] or of the duty named.
 
     Raises `FileError` as `load_drive` does, and for a duty that the file does not have.
     """
     drive, runs = load_runs(path)
     if duty is None:
-        return drive, runs.point
+        own = next((name for name, point in runs.duties.items() if point is runs.point), None)
+        at = f"duty {own}" if own else "[operation]" if runs.duties else ""
+        return Asked(drive, runs.point, at)
     if duty not in runs.duties:
         known = f"give one of {', '.join(runs.duties)}" if runs.duties else "it has no [[duty]]"
         raise FileError("--duty", "", f"there is no duty {duty!r} in {path}; {known}")
-    return drive, runs.duties[duty]
+    return Asked(drive, runs.duties[duty], f"duty {duty}")
 
 
 def read_option(option: str, read: Callable[[], Value]) -> Value:

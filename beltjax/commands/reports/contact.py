@@ -10,19 +10,18 @@ from rich.markup import escape
 from rich.table import Table
 
 from beltjax.analysis.contact import (
-    NO_SLIP,
     ContactState,
     contact_question,
     contact_solution,
-    without_friction,
+    unmet_need,
 )
 from beltjax.analysis.steady import SteadyState, steady_state
-from beltjax.commands.reports.arguments import read_drive
-from beltjax.commands.reports.diagnosis import Diagnosis, speed_key, taken_key, travel_lead
+from beltjax.commands.reports.arguments import read_drive, titled
+from beltjax.commands.reports.diagnosis import Diagnosis, advice, speed_key, taken_key, travel_lead
 from beltjax.commands.reports.documents import (
-    Document,
     Maybe,
     Part,
+    PointDocument,
     meaning,
     model_flags,
     plain,
@@ -31,14 +30,15 @@ from beltjax.commands.reports.report import Report
 from beltjax.commands.reports.states import STOPS
 from beltjax.commands.reports.tables import plain_table
 from beltjax.commands.reports.units import TableUnits
-from beltjax.commands.reports.warnings import load_warnings, warning_lines
+from beltjax.commands.reports.warnings import file_warnings, load_warnings, warning_lines
 from beltjax.compiling.kept_programs import run_kept
 from beltjax.compiling.quick import quickly_compiled
 from beltjax.drive.bodies import single_arm
 from beltjax.drive.canonical import canonical
-from beltjax.drive.installation import BeltGiven
+from beltjax.drive.installation import BELT_LENGTH, BeltGiven
 from beltjax.drive.layout import layout
 from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.shafts import transmission
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
 from beltjax.results import RESULTS, explanation, succeeded
@@ -55,7 +55,7 @@ class TouchedPulleyPart(Part):
     slip_deg: Maybe
     adhesion_deg: Maybe = meaning("wrap less slip")
     moment: Maybe = meaning("N m, taken from the belt; the driver's is negative")
-    speed: Maybe = meaning("rad/s")
+    speed: Maybe = meaning("rad/s, counterclockwise")
     contact_radius: Maybe = meaning(
         "of the belt at contact over the pulley's; 1 unless it touches at one point"
     )
@@ -86,13 +86,12 @@ class RunningBeltPart(Part):
     mass_flow: Maybe = meaning("kg/s")
 
 
-class ContactDocument(Document):
+class ContactDocument(PointDocument):
     """`beltjax contact`: numbers are null where no state was found.
 
     Lengths, speeds and flows of a single belt stand by themselves too; of several they are null.
     """
 
-    drive: str
     feasible: bool = meaning("whether the state found can be: nothing slips fully, nothing leaves")
     pulleys: list[TouchedPulleyPart] | None
     spans: list[FreeSpanPart] | None
@@ -132,23 +131,16 @@ def contact_report(
         question = contact_question(law, maximum)
     except ValueError as error:
         raise FileError("--law", "", str(error).rstrip(".")) from error
-    drive, point = read_drive(path, duty)
-    if len(drive.belts) > 1 and point.mass_flow is not None:
-        message = "is that of a single belt; give each belt's mass_per_length alone"
-        raise FileError(path, "operation.mass_flow", message)
-    toothed = next((belt.name for belt in drive.belts if belt.pitch is not None), None)
-    if toothed is not None:
-        key = "belt.pitch" if len(drive.belts) == 1 else f"belt.{toothed}.pitch"
-        raise FileError(path, key, f"{NO_SLIP} `beltjax analyze` gives them")
-    bare = without_friction(drive, point, maximum)
-    if bare is not None:
-        message = "is missing; this pulley has torque, which friction holds"
-        raise FileError(path, f"pulley.{bare}.friction", message)
+    drive, point, at = read_drive(path, duty)
+    unmet = unmet_need(drive, point, maximum)
+    if unmet is not None:
+        raise FileError(path, unmet.key, unmet.message)
     state = jax.device_get(run_kept(contact_solution, *canonical(drive, point), *question))
     why = diagnose_contact(drive, point, state)
     if why and why.impossible:
         raise FileError(path, why.key, why.message)
-    document = contact_document(drive, state) | {"warnings": load_warnings((drive, point))}
+    warnings = [*file_warnings(drive), *load_warnings((drive, point))]
+    document = contact_document(drive, point, state) | {"at": at, "warnings": warnings}
     files = _pictures(drive, point, state, *pictures) if document["pulleys"] else ()
     failure = str(FileError(path, why.key, why.message)) if why else ""
     return Report(document, contact_tables(document, TableUnits(drive, si)), failure, files)
@@ -178,7 +170,7 @@ def _fixed_contacts(drive: Drive, point: OperatingPoint) -> SteadyState:
     return steady_state(drive, point, throw=False)
 
 
-def contact_document(drive: Drive, state: ContactState) -> dict[str, Any]:
+def contact_document(drive: Drive, point: OperatingPoint, state: ContactState) -> dict[str, Any]:
     """A contact state with the fixed keys; its numbers are None where no state was found."""
     found = bool(state.found)
     two = len(drive.pulleys) == 2
@@ -190,7 +182,7 @@ def contact_document(drive: Drive, state: ContactState) -> dict[str, Any]:
         "drive": drive.name,
         "model": model_flags(drive),
         "feasible": bool(state.feasible),
-        "pulleys": _pulleys(drive, state) if found else None,
+        "pulleys": _pulleys(drive, point, state) if found else None,
         "spans": _spans(drive, state) if found else None,
         "belts": belts,
         "unstretched_length": single.get("unstretched_length"),
@@ -240,12 +232,13 @@ def _string_tensions(drive: Drive, lengths: np.ndarray) -> list[Any]:
     return plain(np.asarray(drive.axial_stiffnesses) * (paths / lengths - 1))
 
 
-def _pulleys(drive: Drive, state: ContactState) -> list[dict[str, Any]]:
+def _pulleys(drive: Drive, point: OperatingPoint, state: ContactState) -> list[dict[str, Any]]:
+    turning = np.asarray(transmission(drive, point).turning)
     columns = zip(
         drive.pulley_names,
         *(plain(np.degrees(x)) for x in (state.wraps, state.slips, state.adhesions)),
         plain(state.moments),
-        plain(state.pulley_speeds),
+        plain(turning * np.asarray(state.pulley_speeds)),
         plain(1 / (np.asarray(state.contact_curvatures) * np.asarray(drive.radii))),
         strict=True,
     )
@@ -277,7 +270,7 @@ def _spans(drive: Drive, state: ContactState) -> list[dict[str, Any]]:
 def contact_tables(document: dict[str, Any], units: TableUnits) -> Group:
     """The tables of `beltjax contact`, from its JSON document."""
     if document["pulleys"] is None:
-        return Group(escape(f"{document['drive']}: no state of contact"))
+        return Group(escape(f"{titled(document)}: no state of contact"))
     several = len(document["belts"]) > 1
     tables = _pulley_table, _span_table, *([_belt_table] if several else []), _summary
     shown = (table(document, units) for table in tables)
@@ -288,7 +281,7 @@ def _pulley_table(document: dict[str, Any], units: TableUnits) -> Table:
     arcs = "wrap", "slip", "adhesion"
     columns = *((arc, "rad") for arc in arcs), ("moment", "N m"), ("speed", "rad/s")
     heads = (units.head(*column) for column in columns)
-    table = plain_table(escape(document["drive"]), "pulley", *heads)
+    table = plain_table(escape(titled(document)), "pulley", *heads)
     for row in document["pulleys"]:
         angles = (units.text(np.radians(row[f"{arc}_deg"]), "rad", 2) for arc in arcs)
         moment, speed = units.text(row["moment"], "N m", 3), units.text(row["speed"], "rad/s", 1)
@@ -315,10 +308,14 @@ def _belt_table(document: dict[str, Any], units: TableUnits) -> Table:
         ("unstretched_speed", "speed", "m/s", 3),
         ("mass_flow", "mass flow", "kg/s", 4),
     ]
-    heads = (units.head(label, unit) for _, label, unit, _ in columns)
+    kinds = {"m": BELT_LENGTH}
+    heads = (units.head(label, unit, kinds.get(unit, "")) for _, label, unit, _ in columns)
     table = plain_table("", "belt", *heads)
     for row in document["belts"]:
-        cells = (units.text(row[key], unit, digits) for key, _, unit, digits in columns)
+        cells = (
+            units.text(row[key], unit, digits, kinds.get(unit, ""))
+            for key, _, unit, digits in columns
+        )
         table.add_row(escape(row["name"]), *cells)
     return table
 
@@ -337,7 +334,8 @@ def _summary(document: dict[str, Any], units: TableUnits) -> Table:
             ("mass flow", document["mass_flow"], 4, "kg/s"),
         ]
     for label, value, digits, unit in rows:
-        table.add_row(label, units.text(value, unit, digits), units.name(unit))
+        kind = BELT_LENGTH if unit == "m" else ""
+        table.add_row(label, units.text(value, unit, digits, kind), units.name(unit, kind))
     return table
 
 
@@ -347,7 +345,7 @@ def diagnose_contact(drive: Drive, point: OperatingPoint, state: ContactState) -
     if succeeded(result):
         return None
     key, found = _cause(drive, point, state)
-    message = found + explanation(result)
+    message = found + advice(drive, result)
     if any(result == one for one in _OF_TRAVEL):
         lead = travel_lead(drive, point)
         message += lead and f" ({lead})"

@@ -1,6 +1,8 @@
 """Diagnoses of failed analyses, which name the key of the drive file and what to do."""
 
 import dataclasses
+import math
+import re
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -14,6 +16,7 @@ from beltjax.compiling.quick import quickly_compiled
 from beltjax.drive.buildable import drawn_arm_angle, layout_fault
 from beltjax.drive.canonical import canonical
 from beltjax.drive.components import KINDS
+from beltjax.drive.file_makers_data import belt_length_key
 from beltjax.drive.installation import (
     AdjustedToMark,
     AdjustedToTension,
@@ -23,6 +26,7 @@ from beltjax.drive.installation import (
 from beltjax.drive.layout import layout
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
+from beltjax.files.units import in_unit
 from beltjax.results import RESULTS, explanation, succeeded
 
 _ROOM = 0.01  # of the path, by which a belt that resists bending may be longer and yet tight
@@ -68,12 +72,20 @@ def _failure(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagno
         return _slack_diagnosis(drive, point, steady)
     if result == RESULTS.arm_at_stop:
         where = places_in_words(drive, steady.reference.coordinates)
-        return Diagnosis("tensioner.stops", f"{where}: {explanation(result).rstrip('.')}", False)
+        return Diagnosis("tensioner.stops", f"{where}: {advice(drive, result).rstrip('.')}", False)
     if result == RESULTS.tensioner_unstable:
-        return Diagnosis("tensioner.stiffness", explanation(result), False)
+        return Diagnosis("tensioner.stiffness", advice(drive, result), False)
     if result == RESULTS.belt_overstretched:
         return _strain_diagnosis(drive, point, steady)
-    return Diagnosis(taken_key(point) or "installation", explanation(result), False)
+    key, rule = taken_key(point) or "installation", drive.installation
+    if result == RESULTS.belt_does_not_fit and not isinstance(rule, BeltGiven):
+        what = "these torques" if taken_key(point) else "what else pulls at it"
+        message = (
+            f"no place of the tensioners near the drawn one balances the belt and {what}: "
+            f"{tightening(drive)}, or lower the torques"
+        )
+        return Diagnosis(key, message, False)
+    return Diagnosis(key, advice(drive, result), False)
 
 
 _UNFIT = RESULTS.belt_too_long, RESULTS.belt_too_short, RESULTS.belt_does_not_fit
@@ -156,10 +168,16 @@ def _belt_diagnosis(drive: Drive, rule: BeltGiven) -> Diagnosis:
     size = float(jnp.mean(layout(drive, throw=False).span_lengths))
     reach = np.array([_SWEEP if float(b.kind) else _SWEEP * size / 4 for b in drive.tensioners])
     turns = jnp.linspace(-1.0, 1.0, 41)[:, None] * reach if len(reach) else jnp.zeros((1, 0))
-    paths = jax.vmap(lambda turn: layout(drive, turn, throw=False).path_length)(turns)
-    shortest, longest = float(jnp.min(paths)), float(jnp.max(paths))
-    found = float(rule.belt_length)
-    length, *path = _distinct_texts(found, shortest, *([longest] if len(turns) > 1 else []))
+    paths = jax.vmap(lambda turn: layout(drive, turn, throw=False).path_lengths)(turns)
+    ends = np.stack([jnp.min(paths, axis=0), jnp.max(paths, axis=0)], axis=1)
+    lengths = np.broadcast_to(np.asarray(rule.belt_length), (len(drive.belts),))
+    # The belt that is farthest from its path's range, or nearest to its end. A short one stretches.
+    short, long = 1 - lengths * (1 + LARGEST_STRAIN) / ends[:, 0], lengths / ends[:, 1] - 1
+    belt = int(np.argmax(np.maximum(short, long)))
+    found, (shortest, longest) = float(lengths[belt]), ends[belt].tolist()
+    key = belt_length_key(drive.belts[belt].name, len(drive.belts) == 1)
+    reached = [shortest, longest] if len(turns) > 1 else [shortest]
+    (length, *path), along = _as_the_file_counts(drive, key, found, *reached)
     too = (
         "too short"
         if found < shortest
@@ -170,15 +188,28 @@ def _belt_diagnosis(drive: Drive, rule: BeltGiven) -> Diagnosis:
     remedy = "change belt_length"
     if len(turns) > 1:
         remedy += " or what its springs have (free_angle, free or preload)" + _stops_off(drive)
-    stiff = float(drive.belt.bending_stiffness) > 0
+    stiff = float(drive.belts[belt].bending_stiffness) > 0
     if stiff and longest < found < (1 + _ROOM) * longest:
         remedy += "; that is for a string: `beltjax contact` finds whether a stiff belt is tight"
-    return Diagnosis(
-        "installation.belt_length",
-        f"found {length} m, {too}: the path takes {' to '.join(path)} m along the neutral axis; "
-        f"{remedy}",
-        True,
-    )
+    message = f"found {length}, {too}: the path takes {' to '.join(path)} along the {along}"
+    return Diagnosis(key, f"{message}; {remedy}", True)
+
+
+def _as_the_file_counts(drive: Drive, key: str, *lengths: float) -> tuple[list[str], str]:
+    """Lengths of a belt [m] in the file's unit and along its line, and the name of that line.
+
+    They have so many decimals, a tenth of a millimeter at least, that none looks like another.
+    """
+    shift, unit = drive.units.shifts.get(key, 0.0), drive.units.get(key, "m")
+    shown = [in_unit(length + shift, "m", unit) for length in lengths]
+    least = max(4 - round(math.log10(in_unit(1.0, "m", unit))), 0)
+    texts: list[str] = []
+    for decimals in range(least, least + 12):
+        texts = [f"{length:.{decimals}f}" for length in shown]
+        if len(set(texts)) == len(set(shown)):
+            break
+    line = "effective line" if shift else "neutral axis"
+    return [f"{text} {unit}" for text in texts], line
 
 
 def _stops_off(drive: Drive) -> str:
@@ -218,34 +249,30 @@ def _adjusted_diagnosis(drive: Drive, rule: AdjustedToTension | AdjustedToMark) 
     if not paths.size or paths.min() / (1 + strain) <= length <= paths.max():
         return None
     too = "too long" if length > paths.max() else "too short"
-    given, *reached = _distinct_texts(length, float(paths.min()), float(paths.max()))
+    key = "installation.belt_length"
+    ends = float(paths.min()), float(paths.max())
+    (given, *reached), along = _as_the_file_counts(drive, key, length, *ends)
     return Diagnosis(
-        "installation.belt_length",
-        f"found {given} m, {too}: with {body.name} in the places that it reaches the path takes "
-        f"{' to '.join(reached)} m; change belt_length, or give {body.name} more reach",
+        key,
+        f"found {given}, {too}: with {body.name} in the places that it reaches the path takes "
+        f"{' to '.join(reached)} along the {along}; change belt_length, or give {body.name} more "
+        "reach",
         True,
     )
-
-
-def _distinct_texts(*lengths: float) -> list[str]:
-    """Lengths [m] with so many decimals, four at least, that none looks like another."""
-    texts: list[str] = []
-    for decimals in range(4, 16):
-        texts = [f"{length:.{decimals}f}" for length in lengths]
-        if len(set(texts)) == len(set(lengths)):
-            break
-    return texts
 
 
 def _strain_diagnosis(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagnosis:
     at_rest = float(np.max(np.asarray(steady.reference.tensions)) / drive.belt.axial_stiffness)
     if at_rest > LARGEST_STRAIN:
-        message = f"stretches the belt by {at_rest:.3g} of its length at rest: lower it, or check "
-        return Diagnosis("installation.tension", message + "belt.axial_stiffness", False)
+        given = isinstance(drive.installation, BeltGiven | AdjustedToMark)
+        key = "installation.belt_length" if given else "installation.tension"
+        remedy = "give a longer one" if given else "lower it"
+        message = f"stretches the belt by {at_rest:.3g} of its length at rest: {remedy}, or check "
+        return Diagnosis(key, message + "belt.axial_stiffness", False)
     if float(steady.groups.bending) > 1.0:
         message = "makes the belt stiffer than its tension: check its value and unit"
         return Diagnosis("belt.bending_stiffness", message, False)
-    return Diagnosis(speed_key(point), explanation(steady.result), False)
+    return Diagnosis(speed_key(point), advice(drive, steady.result), False)
 
 
 def _slack_diagnosis(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Diagnosis:
@@ -256,23 +283,39 @@ def _slack_diagnosis(drive: Drive, point: OperatingPoint, steady: SteadyState) -
         found = f"span {drive.span_names[i]} is slack at rest ({tensions[i]:.4g} N)"
         if getattr(drive.installation, "span_tensions", None) is not None:
             return Diagnosis("installation.span_tensions", f"{found}: give tensions above 0", False)
-        remedy = f"raise {_tightener(drive)}, or lower the torques"
+        remedy = f"{tightening(drive)}, or lower the torques"
         key = taken_key(point) or "operation.torque"
         return Diagnosis(key, f"{found} under these torques: {remedy}", False)
     span = drive.span_names[int(np.argmin(np.asarray(reference.tensions)))]
     return Diagnosis(
         speed_key(point),
         f"span {span} goes slack at a belt speed of {float(point.speed(drive)):.4g} m/s: lower the "
-        f"speed or raise {_tightener(drive)}",
+        f"speed, or {tightening(drive)}",
         False,
     )
 
 
-def _tightener(drive: Drive) -> str:
-    """What an engineer raises to have more tension."""
-    if isinstance(drive.installation, Preloaded):
-        return "the preload, force or weight of its tensioner"
-    return "installation.tension"
+def tightening(drive: Drive) -> str:
+    """What an engineer does to have more tension, by the keys that the file gives."""
+    rule = drive.installation
+    if isinstance(rule, Preloaded):
+        return "raise the preload, force or weight of its tensioner"
+    if isinstance(rule, AdjustedToMark):
+        return "move the mark (installation.until) to where its spring pulls more"
+    if not isinstance(rule, BeltGiven):
+        return "raise installation.tension"
+    if rule.free_angle is not None:
+        return "shorten installation.belt_length, or turn installation.free_angle further in"
+    if drive.tensioners:
+        return "shorten installation.belt_length, or relax its springs further in (free or preload)"
+    return "shorten installation.belt_length"
+
+
+def advice(drive: Drive, result: RESULTS) -> str:
+    """The text of a result, and where its remedy is tension what the file has for that."""
+    text, tight = explanation(result), tightening(drive)
+    tense = re.search(r"[Rr]aise the (pre)?tension|the tension or", text)
+    return f"{text} For more tension, {tight}." if tense else text
 
 
 def taken_key(point: OperatingPoint) -> str:

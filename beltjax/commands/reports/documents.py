@@ -31,10 +31,10 @@ class WarningPart(Part):
     """A limit of the trust in a success."""
 
     code: str = meaning(
-        "`belt_stiff_on_pulley`, `tensioner_moves_far`, `load_outside_table`, `span_slackens`, "
-        "`orbit_unstable`, `span_slack_in_motion`, `slope_too_large`, `belt_slips_in_motion` "
-        "(members of `bj.RESULTS`), `tension_above_allowable`, `belt_slips`, "
-        "`damper_on_given_motion` or `modes_left_out`"
+        "`number_without_unit`, `belt_stiff_on_pulley`, `tensioner_moves_far`, "
+        "`load_outside_table`, `span_slackens`, `orbit_unstable`, `span_slack_in_motion`, "
+        "`slope_too_large`, `belt_slips_in_motion` (members of `bj.RESULTS`), "
+        "`tension_above_allowable`, `belt_slips`, `damper_on_given_motion` or `modes_left_out`"
     )
     text: str = meaning("the same in words, with names and numbers")
 
@@ -53,6 +53,13 @@ class Document(Part):
     schema_: Annotated[Literal["1"], Field(alias="schema", description="version of the document")]
     warnings: list[WarningPart] = meaning("empty where nothing limits the trust")
     model: ModelPart = meaning("of the drive file")
+
+
+class PointDocument(Document):
+    """The keys of a document that answers at one of a file's operating points."""
+
+    drive: str
+    at: str = meaning("`[operation]` or the duty; empty where the file has no [[duty]]")
 
 
 def plain(value: Any) -> Any:

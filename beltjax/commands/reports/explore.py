@@ -28,7 +28,7 @@ from beltjax.commands.reports.units import TableUnits
 from beltjax.commands.reports.warnings import drive_warnings, warning_lines
 from beltjax.commands.running import Advance
 from beltjax.drive.files import load_drive
-from beltjax.drive.numbers import require_numbers, unit_of
+from beltjax.drive.numbers import require_numbers, shift_of, unit_of
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
 
@@ -172,7 +172,8 @@ def _designs(drive: Drive, given: ExploreOptions) -> optimize.Grid | optimize.Sa
     ranges = {}
     for name, text in pairs:
         reading = functools.partial(read, text, unit_of(drive, name))
-        ranges[name] = read_option(f"--over {name}", reading)
+        found = np.asarray(read_option(f"--over {name}", reading)) - shift_of(drive, name)
+        ranges[name] = found if given.samples is None else tuple(found.tolist())
     if given.samples is None:
         return read_option("--over", lambda: optimize.Grid(ranges))
     count = given.samples

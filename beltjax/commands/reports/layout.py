@@ -2,6 +2,7 @@
 
 import math
 import os
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import jax
@@ -14,15 +15,14 @@ from beltjax.commands.reports.documents import Document, Maybe, Part, meaning, m
 from beltjax.commands.reports.report import Report
 from beltjax.commands.reports.tables import number, plain_table
 from beltjax.commands.reports.units import TableUnits
+from beltjax.commands.reports.warnings import file_warnings, warning_lines
 from beltjax.drive.buildable import clearances, passes, pulley_pairs
-from beltjax.drive.file_makers_data import pitch_offsets
-from beltjax.drive.files import load_geometry
-from beltjax.drive.fitting import StandardBelt, standard_belts
+from beltjax.drive.files import Geometry, load_geometry
+from beltjax.drive.fitting import fitted_belts, next_lengths
+from beltjax.drive.installation import BELT_LENGTH
 from beltjax.drive.layout import Layout, layout
-from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.shafts import transmission
 from beltjax.drive.system import Drive
-from beltjax.files.reading import read_toml
 
 _NARROWEST = 6  # gaps shown; all are in the JSON
 
@@ -74,13 +74,19 @@ class FitPart(Part):
     beyond_stops: bool
 
 
-class StandardBeltPart(Part):
-    """A standard belt next to a drawn path: the next shorter or equal one, or the next longer."""
+class FittedBeltPart(Part):
+    """A belt in a drawn path: that of the file, or a standard one next to the path.
+
+    The standard ones are the next shorter or equal one, and the next longer.
+    """
 
     belt: str
     length: float = meaning("m, along the neutral axis")
+    effective_length: Maybe = meaning("m; null without a pitch_offset in the file")
+    less_path: float = meaning("m, its length less that of the drawn path")
     teeth: int | None
     fits: list[FitPart] = meaning("empty where no single body can fit it")
+    reason: str = meaning("why none can; else empty")
 
 
 class GapPart(Part):
@@ -99,7 +105,8 @@ class LayoutDocument(Document):
     pulleys: list[DrawnPulleyPart]
     belts: list[DrawnBeltPart]
     tensioners: list[DrawnTensionerPart]
-    standard_belts: list[StandardBeltPart]
+    given_belts: list[FittedBeltPart] = meaning("those whose `belt_length` the file gives")
+    standard_belts: list[FittedBeltPart]
     clearances: list[GapPart] = meaning("the narrowest first")
 
 
@@ -110,10 +117,9 @@ def layout_report(
 
     Raises `FileError` where the file describes no possible layout.
     """
-    drive, point, has_speed = load_geometry(path)
-    at = jax.device_get(layout(drive))
-    offsets = pitch_offsets(read_toml(path), path)
-    document = layout_document(drive, point, at, has_speed, offsets)
+    found = load_geometry(path)
+    drive, at = found.drive, jax.device_get(layout(found.drive))
+    document = layout_document(found, at)
     files: tuple[tuple[str, bytes], ...] = ()
     if figure:
         from beltjax.draw.layouts import layout_figure, picture_bytes  # slow to load
@@ -122,13 +128,9 @@ def layout_report(
     return Report(document, layout_tables(document, TableUnits(drive, si)), "", files)
 
 
-def layout_document(
-    drive: Drive, point: OperatingPoint, at: Layout, has_speed: bool, offsets: dict[str, float]
-) -> dict[str, Any]:
-    """The JSON document of a layout; speeds are those of `point` if it has any.
-
-    `offsets` [m] of belts by their names lead from the neutral axis to the effective line.
-    """
+def layout_document(found: Geometry, at: Layout) -> dict[str, Any]:
+    """The JSON document of a layout; speeds are those of the file if it has any."""
+    drive, point, has_speed = found.drive, found.point, found.has_speed
     driven = jax.device_get(transmission(drive, point))
     speeds = np.asarray(driven.turning * driven.speeds / drive.radii)
     ratios = speeds / speeds[int(np.argmax(drive.drives))]
@@ -150,6 +152,7 @@ def layout_document(
         "drive": drive.name,
         "model": model_flags(drive),
         "success": True,
+        "warnings": file_warnings(drive),
         "spans": [
             {"name": name, "length": length}
             for name, length in zip(drive.span_names, plain(at.span_lengths), strict=True)
@@ -159,9 +162,7 @@ def layout_document(
             {
                 "name": belt.name,
                 "path_length": length,
-                "effective_length": None
-                if length is None or belt.name not in offsets
-                else length - 2 * math.pi * offsets[belt.name],
+                "effective_length": _effective(length, belt.name, found),
                 "teeth": None if belt.pitch is None or length is None else length / belt.pitch,
                 "speed": speed if has_speed else None,
             }
@@ -175,19 +176,46 @@ def layout_document(
             }
             for body, arm, move in zip(drive.tensioners, arms, moves, strict=True)
         ],
-        "standard_belts": [
-            _standard_belt(belt.name, found)
-            for place, belt in enumerate(drive.belts)
-            for found in standard_belts(drive, place, float(at.path_lengths[place]))
-        ],
+        "given_belts": _fitted(
+            found, at, {name: [length] for name, length in found.belt_lengths.items()}
+        ),
+        "standard_belts": _fitted(
+            found,
+            at,
+            {
+                belt.name: next_lengths(belt, float(path))
+                for belt, path in zip(drive.belts, at.path_lengths, strict=True)
+            },
+        ),
         "clearances": _gaps(drive, at),
     }
 
 
-def _standard_belt(belt: str, found: StandardBelt) -> dict[str, Any]:
+def _effective(length: float | None, belt: str, found: Geometry) -> float | None:
+    """A length along the neutral axis [m], along the effective line; None without an offset."""
+    if length is None or belt not in found.pitch_offsets:
+        return None
+    return length - 2 * math.pi * found.pitch_offsets[belt]
+
+
+def _fitted(
+    found: Geometry, at: Layout, lengths: Mapping[str, Iterable[float]]
+) -> list[dict[str, Any]]:
+    """What makes room for belts of these lengths [m], by the belts' names."""
     keys = "tensioner", "coordinate", "center_distance", "beyond_stops"
-    fits = [dict(zip(keys, place, strict=True)) for place in found.places]
-    return {"belt": belt, "length": found.length, "teeth": found.teeth, "fits": fits}
+    return [
+        {
+            "belt": belt.name,
+            "length": one.length,
+            "effective_length": _effective(one.length, belt.name, found),
+            "less_path": one.length - float(at.path_lengths[place]),
+            "teeth": one.teeth,
+            "fits": [dict(zip(keys, where, strict=True)) for where in one.places],
+            "reason": one.reason,
+        }
+        for place, belt in enumerate(found.drive.belts)
+        for one in fitted_belts(found.drive, place, lengths.get(belt.name, ()))
+    ]
 
 
 def _gaps(drive: Drive, at: Layout) -> list[dict[str, Any]]:
@@ -210,9 +238,14 @@ def layout_tables(document: dict[str, Any], units: TableUnits) -> Group:
     tables = [_pulley_table(document, units), _span_table(document, units)]
     if document["tensioners"]:
         tables.append(_tensioner_table(document, units))
-    if document["standard_belts"]:
-        tables.append(_standard_table(document, units))
-    return Group(*tables, _gap_table(document, units))
+    titles = {
+        "given_belts": "Belts of this file, without tension",
+        "standard_belts": "Standard belts, without tension",
+    }
+    for key, title in titles.items():
+        if document[key]:
+            tables.append(_belt_table(title, document[key], document, units))
+    return Group(*warning_lines(document), *tables, _gap_table(document, units))
 
 
 def _pulley_table(document: dict[str, Any], units: TableUnits) -> Table:
@@ -246,24 +279,27 @@ def _span_table(document: dict[str, Any], units: TableUnits) -> Table:
     return table
 
 
-def _standard_table(document: dict[str, Any], units: TableUnits) -> Table:
-    heads = units.head("length", "m"), "teeth", "fits with", ""
-    table = plain_table("Standard belts, without tension", "belt", *heads)
-    for row in document["standard_belts"]:
+def _belt_table(
+    title: str, rows: list[dict[str, Any]], document: dict[str, Any], units: TableUnits
+) -> Table:
+    """Belts and what makes room for them; lengths are along the line along which a file has all."""
+    effective = all(units.is_effective(row["belt"]) for row in rows)
+    key, label = ("effective_length", "effective length") if effective else ("length", "length")
+    heads = [units.head(words, "m", BELT_LENGTH) for words in (label, "less the path")]
+    table = plain_table(title, "belt", *heads, "teeth", "fits with", "")
+    for row in rows:
         teeth = "-" if row["teeth"] is None else str(row["teeth"])
-        first = escape(row["belt"]), units.text(row["length"], "m", 2), teeth
+        lengths = [units.text(row[k], "m", 2, BELT_LENGTH) for k in (key, "less_path")]
+        first = escape(row["belt"]), *lengths, teeth
         for fit in row["fits"] or [None]:
-            table.add_row(*first, *_fit_words(fit, document, units))
-            first = "", "", ""
+            words = ("-", row["reason"]) if fit is None else _fit_words(fit, document, units)
+            table.add_row(*first, *words)
+            first = "", "", "", ""
     return table
 
 
-def _fit_words(
-    fit: dict[str, Any] | None, document: dict[str, Any], units: TableUnits
-) -> tuple[str, str]:
-    """What is moved for a standard belt, and where it stands then."""
-    if fit is None:
-        return "-", ""
+def _fit_words(fit: dict[str, Any], document: dict[str, Any], units: TableUnits) -> tuple[str, str]:
+    """What is moved for a belt, and where it stands then."""
     if fit["tensioner"] is None:
         return "center distance", units.text(fit["center_distance"], "m", 2) + f" {units.name('m')}"
     body = next(part for part in document["tensioners"] if part["name"] == fit["tensioner"])

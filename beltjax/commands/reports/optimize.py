@@ -24,7 +24,7 @@ from beltjax.commands.reports.documents import (
 from beltjax.commands.reports.report import Report
 from beltjax.commands.reports.tables import number, plain_table
 from beltjax.commands.reports.units import TableUnits
-from beltjax.commands.reports.warnings import steady_warnings, warning_lines
+from beltjax.commands.reports.warnings import file_warnings, steady_warnings, warning_lines
 from beltjax.commands.running import Advance
 from beltjax.drive.files import drive_bytes
 from beltjax.drive.operation import OperatingPoint
@@ -176,6 +176,7 @@ def optimize_report(
     else:
         design, choices = _minimized(study, advance, warm, given.checkpoint), {}
     document = optimize_document(study.point, design) | choices
+    document["warnings"] = [*file_warnings(study.drive), *document["warnings"]]
     if study.scatter is not None:
         document |= robust_document(design, study.scatter)
     if design.snapped is not None:
@@ -367,9 +368,8 @@ def _optima_table(document: dict[str, Any], units: TableUnits) -> Table:
     best = document["optima"][:_FEW_OPTIMA]
     table = plain_table("Optima", "variable", *(str(i + 1) for i in range(len(best))), "unit")
     for name in best[0]["values"]:
-        factor, unit = units.of_number(name, 1.0)
-        values = (f"{factor * optimum['values'][name]:.6g}" for optimum in best)
-        table.add_row(escape(name), *values, unit)
+        values = [units.of_number(name, optimum["values"][name])[0] for optimum in best]
+        table.add_row(escape(name), *values, units.unit_of_number(name)[1])
     table.add_row("starts", *(str(optimum["starts"]) for optimum in best))
     table.add_row("objective", *(f"{o['objective']:.6g}" for o in best), style="bold")
     return table
@@ -380,7 +380,7 @@ def _optimality_lines(document: dict[str, Any], units: TableUnits) -> Iterator[s
         yield snapped_line(document["snapped"], units)
     shown = document["optimality"]
     for name, price in document["active_bounds"].items():
-        one, unit = units.of_number(name.rpartition(" ")[0], 1.0)
+        one, unit = units.unit_of_number(name.rpartition(" ")[0])
         yield f"at its bound: {name} (price {price / one:+.4g}{unit and f' per {unit}'})"
     if document["conflicts"]:
         yield f"cannot be met together: {'; '.join(document['conflicts'])}"
@@ -399,7 +399,7 @@ def snapped_line(snapped: dict[str, Any], units: TableUnits) -> str:
     parts = []
     for name, value in snapped["values"].items():
         (now, unit), (was, _) = (units.of_number(name, x) for x in (value, snapped["before"][name]))
-        parts.append(f"{name} from {was:.6g} to {now:.6g}{unit and f' {unit}'}")
+        parts.append(f"{name} from {was} to {now}{unit and f' {unit}'}")
     lost = "no design then meets all limits"
     if snapped["loss"] is not None:
         lost = f"the objective goes from {snapped['objective']:.6g} by {snapped['loss']:+.3g}"
@@ -411,7 +411,7 @@ def _design_table(document: dict[str, Any], drive: Drive, units: TableUnits) -> 
     for name, value in document["design"].items():
         own = float(optimize.value_of(drive, name))
         (was, unit), (now, _) = (units.of_number(name, x) for x in (own, value))
-        table.add_row(escape(name), f"{was:.6g}", f"{now:.6g}", unit)
+        table.add_row(escape(name), was, now, unit)
     objective = document["objective"]
     initial = "-" if objective["initial"] is None else f"{objective['initial']:.6g}"
     final = "-" if objective["final"] is None else f"{objective['final']:.6g}"

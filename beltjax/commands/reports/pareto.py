@@ -95,8 +95,8 @@ def pareto_table(document: dict[str, Any], front: optimize.Front, units: TableUn
     names = document["objectives"]
     points = document["points"]
     variables = list(points[0]["design"]) if points else []
-    shown = [units.of_quantity(1.0, unit) for unit in front.units]
-    shown += [units.of_number(name, 1.0) for name in variables]
+    objectives = [units.of_quantity(1.0, unit) for unit in front.units]
+    shown = [*objectives, *(units.unit_of_number(name) for name in variables)]
     # A header takes as many lines as its name has parts, so that the columns stay narrow.
     headers = [
         re.sub("(?<=[.:])", "\n", name) + (f"\n({unit})" if unit else "")
@@ -104,7 +104,8 @@ def pareto_table(document: dict[str, Any], front: optimize.Front, units: TableUn
     ]
     table = plain_table("Pareto front", *map(escape, headers))
     for point in points:
-        values = [*point["objectives"].values(), *point["design"].values()]
-        cells = zip(values, shown, strict=True)
-        table.add_row(*(f"{factor * value:.6g}" for value, (factor, _) in cells))
+        values = zip(point["objectives"].values(), objectives, strict=True)
+        cells = [f"{factor * value:.6g}" for value, (factor, _) in values]
+        cells += [units.of_number(name, value)[0] for name, value in point["design"].items()]
+        table.add_row(*cells)
     return table

@@ -19,15 +19,28 @@ from beltjax.commands.reports.arguments import (
     read_excited_orders,
     read_option,
     read_points,
+    titled,
 )
-from beltjax.commands.reports.documents import Document, Maybe, Part, meaning, model_flags, plain
+from beltjax.commands.reports.documents import (
+    Maybe,
+    Part,
+    PointDocument,
+    meaning,
+    model_flags,
+    plain,
+)
 from beltjax.commands.reports.report import Report
 from beltjax.commands.reports.response import MODAL_DAMPING, commanded
 from beltjax.commands.reports.states import Kind, kind_of
 from beltjax.commands.reports.tables import number, plain_table
 from beltjax.commands.reports.units import TableUnits
 from beltjax.commands.reports.vibrating import RPM, vibrating
-from beltjax.commands.reports.warnings import periodic_warnings, range_warnings, warning_lines
+from beltjax.commands.reports.warnings import (
+    file_warnings,
+    periodic_warnings,
+    range_warnings,
+    warning_lines,
+)
 from beltjax.commands.running import Advance
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
@@ -97,10 +110,9 @@ class MotionPart(Part):
     failure: str | None = meaning("why there is none")
 
 
-class PeriodicDocument(Document):
+class PeriodicDocument(PointDocument):
     """`beltjax periodic`."""
 
-    drive: str
     success: bool = meaning(
         "whether a motion was found at every speed, or the branch was followed to an end"
     )
@@ -139,7 +151,7 @@ def periodic_report(
 
     Raises `FileError` as `sweep_report` does.
     """
-    drive, point = vibrating(path, given.duty)
+    drive, point, where = vibrating(path, given.duty)
     orders = _orders(path, drive, point, given)
     speeds = _speeds(path, drive, point, given.speeds)
     ratio = MODAL_DAMPING if given.modal_damping is None else given.modal_damping
@@ -156,9 +168,9 @@ def periodic_report(
         found = _at_each(drive, point, orders, speeds, given, damping, advance)
         folds, flips, whole = [], [], True
     document = periodic_document(drive, given, orders, speeds, found)
-    document |= {"folds": folds, "flips": flips}
+    document |= {"at": where, "folds": folds, "flips": flips}
     document["success"] = document["success"] and whole
-    document["warnings"] += range_warnings(drive, point, speeds)
+    document["warnings"] += [*file_warnings(drive), *range_warnings(drive, point, speeds)]
     units = TableUnits(drive, si)
     files: tuple[tuple[str, bytes], ...] = ()
     if figure:
@@ -380,13 +392,13 @@ def periodic_tables(document: dict[str, Any], units: TableUnits) -> Group:
             if document[key]
         ]
         return Group(*lines, _over_speeds(document, units), *turns)
-    return Group(*lines, *_at_one_speed(document["drive"], parts[0], units))
+    return Group(*lines, *_at_one_speed(titled(document), parts[0], units))
 
 
-def _at_one_speed(drive: str, part: dict[str, Any], units: TableUnits) -> list[Table | str]:
+def _at_one_speed(what: str, part: dict[str, Any], units: TableUnits) -> list[Table | str]:
     if not part["success"]:
         return [part["failure"]]
-    title = escape(f"{drive}: periodic motion at {part['driver_speed'] * RPM:.5g} rpm")
+    title = escape(f"{what}: periodic motion at {part['driver_speed'] * RPM:.5g} rpm")
     pulleys = plain_table(
         title, "pulley", units.head("rim, half p-p", "rad"), units.head("hub", "rad"),
         units.head("hub load", "N"), "friction used",
@@ -424,7 +436,7 @@ def _over_speeds(document: dict[str, Any], units: TableUnits) -> Table:
     bodies = document["periodic"][0]["coordinates"]
     moved = [units.head(f"{one['name']} p-p", _UNITS[one["kind"]]) for one in bodies]
     table = plain_table(
-        escape(f"{document['drive']}: periodic motion over the driver's speed"),
+        escape(f"{titled(document)}: periodic motion over the driver's speed"),
         "rpm", *map(escape, moved), units.head("least tension", "N"),
         units.head("greatest", "N"), units.head("deflection", "m"), "multiplier",
     )  # fmt: skip

@@ -15,10 +15,16 @@ from beltjax.analysis.damping import Damping
 from beltjax.analysis.orders import ORDER
 from beltjax.analysis.response import Excitation, Response, speed_response
 from beltjax.analysis.sweep import CHUNK
-from beltjax.commands.reports.arguments import read_amplitude, read_named, read_option, read_range
+from beltjax.commands.reports.arguments import (
+    read_amplitude,
+    read_named,
+    read_option,
+    read_range,
+    titled,
+)
 from beltjax.commands.reports.documents import (
-    Document,
     Part,
+    PointDocument,
     Row,
     meaning,
     model_flags,
@@ -29,7 +35,12 @@ from beltjax.commands.reports.states import Kind, kind_of
 from beltjax.commands.reports.tables import number, plain_table
 from beltjax.commands.reports.units import TableUnits
 from beltjax.commands.reports.vibrating import RPM, all_failed, vibrating
-from beltjax.commands.reports.warnings import range_warnings, response_warnings, warning_lines
+from beltjax.commands.reports.warnings import (
+    file_warnings,
+    range_warnings,
+    response_warnings,
+    warning_lines,
+)
 from beltjax.commands.running import Advance
 from beltjax.compiling.quick import in_chunks, quickly_compiled
 from beltjax.drive.bodies import single_arm
@@ -55,10 +66,9 @@ class PeakPart(Part):
     amplitude: list[Row] = meaning("zero to peak")
 
 
-class ResponseDocument(Document):
+class ResponseDocument(PointDocument):
     """`beltjax response`: rows by speed, columns by pulley or span."""
 
-    drive: str
     success: bool = meaning("whether any speed succeeded")
     order: float = meaning("of the excitation, per rotation of the driver")
     driver_speed_rpm: list[float] = meaning("rpm")
@@ -100,7 +110,7 @@ def response_report(
 
     Raises `FileError` as `sweep_report` does.
     """
-    drive, point = vibrating(path, given.duty)
+    drive, point, at = vibrating(path, given.duty)
     excitation = _excitation(path, drive, point, given)
     order = _order(point, given)
     if not 0 < order < np.inf:
@@ -112,7 +122,8 @@ def response_report(
     damping = read_option("--modal-damping", lambda: Damping(modal=ratio))
     found = _responses(drive, point, speeds, excitation, jnp.asarray(order), damping, advance)
     document = response_document(drive, order, speeds, found)
-    document["warnings"] += range_warnings(drive, point, speeds)
+    document["at"] = at
+    document["warnings"] += [*file_warnings(drive), *range_warnings(drive, point, speeds)]
     units = TableUnits(drive, si)
     files: tuple[tuple[str, bytes], ...] = ()
     if figure:
@@ -280,7 +291,7 @@ def response_curves(
 def response_tables(document: dict[str, Any], units: TableUnits) -> Group:
     """The largest amplitude of every part, and at which speed."""
     table = plain_table(
-        escape(f"{document['drive']}: peaks of the response to order {document['order']:g}"),
+        escape(f"{titled(document)}: peaks of the response to order {document['order']:g}"),
         "of",
         "zero to peak",
         "at (rpm)",

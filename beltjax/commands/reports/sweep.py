@@ -8,10 +8,16 @@ from rich.console import Group
 from rich.markup import escape
 
 from beltjax.analysis.sweep import Sweep, require_count, sweep
-from beltjax.commands.reports.arguments import read_named, read_option, read_orders, read_range
+from beltjax.commands.reports.arguments import (
+    read_named,
+    read_option,
+    read_orders,
+    read_range,
+    titled,
+)
 from beltjax.commands.reports.documents import (
-    Document,
     Part,
+    PointDocument,
     Row,
     meaning,
     model_flags,
@@ -24,7 +30,7 @@ from beltjax.commands.reports.vibrating import all_failed, vibrating
 from beltjax.commands.reports.warnings import sweep_warnings, warning_lines
 from beltjax.commands.running import Advance
 from beltjax.draw.labels import span_label
-from beltjax.drive.numbers import require_number, unit_of
+from beltjax.drive.numbers import require_number, shift_of, unit_of
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 
@@ -41,10 +47,9 @@ class VeeringPart(Part):
     resolved: bool = meaning("false: the gap is an upper bound")
 
 
-class SweepDocument(Document):
+class SweepDocument(PointDocument):
     """`beltjax sweep`: rows by value, columns by mode."""
 
-    drive: str
     success: bool = meaning("whether any point succeeded")
     over: str = meaning("key of the swept number")
     unit: str = meaning("SI; empty for a pure number")
@@ -74,15 +79,16 @@ def sweep_report(
 
     Raises `FileError` for options that cannot be used.
     """
-    drive, point = vibrating(path, duty)
+    drive, point, at = vibrating(path, duty)
     netcdf, figure = outputs
     name, text = read_option("--over", lambda: read_named(over, "NAME=FROM:TO:POINTS"))
     read_option("--over", lambda: require_number(drive, name))
     values = read_option("--over", lambda: read_range(text, unit_of(drive, name)))
+    values = values - shift_of(drive, name)
     lines = read_option("--orders", lambda: read_orders(orders))
     read_option("--count", lambda: require_count(drive, count))
     found = sweep(drive, point, name, values, count=count, advance=advance)
-    document = sweep_document(drive, point, found)
+    document = sweep_document(drive, point, found) | {"at": at}
     files = []
     if netcdf:
         files.append((netcdf, _netcdf(found)))
@@ -147,15 +153,16 @@ def sweep_tables(document: dict[str, Any], units: TableUnits) -> Group:
 
 def _sweep_table(document: dict[str, Any], units: TableUnits) -> Any:
     shown = min(len(document["labels"]), _COLUMNS)
-    factor, unit = units.of_number(document["over"], 1.0)
-    title = f"{document['drive']}: natural frequencies (Hz) over {document['over']}"
+    _, unit = units.unit_of_number(document["over"])
+    title = f"{titled(document)}: natural frequencies (Hz) over {document['over']}"
     columns = ["Gamma", *(str(k + 1) for k in range(shown))]
     table = plain_table(escape(title), f"at ({unit})" if unit else "at", *columns)
     count = len(document["values"])
     for p in np.unique(np.linspace(0, count - 1, min(count, _ROWS)).round().astype(int)):
         row = document["hertz"][p][:shown]
         gamma = number(document["coupling_total"][p], 4)
-        table.add_row(f"{factor * document['values'][p]:.6g}", gamma, *(number(x, 2) for x in row))
+        at, _ = units.of_number(document["over"], document["values"][p])
+        table.add_row(at, gamma, *(number(x, 2) for x in row))
     return table
 
 
@@ -170,13 +177,12 @@ def _modes_table(document: dict[str, Any]) -> Any:
 
 
 def _veering_table(document: dict[str, Any], units: TableUnits) -> Any:
-    factor, unit = units.of_number(document["over"], 1.0)
-    at = f"at ({unit})" if unit else "at"
-    table = plain_table("Veerings", "modes", at, "gap (Hz)", "")
+    _, unit = units.unit_of_number(document["over"])
+    head = f"at ({unit})" if unit else "at"
+    table = plain_table("Veerings", "modes", head, "gap (Hz)", "")
     for veering in document["veerings"]:
         modes = " and ".join(map(str, veering["modes"]))
         note = "" if veering["resolved"] else "not resolved: an upper bound"
-        table.add_row(
-            modes, f"{factor * veering['value']:.6g}", number(veering["gap_hertz"], 3), note
-        )
+        at, _ = units.of_number(document["over"], veering["value"])
+        table.add_row(modes, at, number(veering["gap_hertz"], 3), note)
     return table

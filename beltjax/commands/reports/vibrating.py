@@ -6,8 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from beltjax.analysis.linearization import has_inertias
-from beltjax.commands.reports.arguments import read_drive
-from beltjax.drive.operation import OperatingPoint
+from beltjax.commands.reports.arguments import Asked, read_drive
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
 
@@ -32,14 +31,12 @@ def require_few_pulleys(drive: Drive, path: str | os.PathLike[str], what: str) -
 RPM = 60 / (2 * np.pi)  # of 1 rad/s
 
 
-def vibrating(
-    path: str | os.PathLike[str], duty: str | None = None
-) -> tuple[Drive, OperatingPoint]:
-    """The drive of a file; raises `FileError` where no vibration can be found for it."""
-    drive, point = read_drive(path, duty)
-    require_inertias(drive, path, "vibration needs")
-    require_few_pulleys(drive, path, "modes and responses")
-    return drive, point
+def vibrating(path: str | os.PathLike[str], duty: str | None = None) -> Asked:
+    """`read_drive`; raises `FileError` where no vibration can be found for it."""
+    asked = read_drive(path, duty)
+    require_inertias(asked.drive, path, "vibration needs")
+    require_few_pulleys(asked.drive, path, "modes and responses")
+    return asked
 
 
 def all_failed(path: str | os.PathLike[str], key: str, outcomes: Sequence[str]) -> str:

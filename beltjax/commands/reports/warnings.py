@@ -36,6 +36,11 @@ def steady_warnings(drive: Drive, point: OperatingPoint, steady: SteadyState) ->
     ]
 
 
+def file_warnings(drive: Drive) -> Warnings:
+    """Warn of bare numbers of the drive's file that are hardly meant in SI units."""
+    return [{"code": "number_without_unit", "text": text} for text in drive.units.doubts]
+
+
 def load_warnings(*runs: tuple[Drive, OperatingPoint]) -> Warnings:
     """Warn of pulleys that turn faster or slower than the tables of their loads say in a run."""
     found: dict[str, str] = {}
@@ -132,12 +137,13 @@ def _idle_dampers(drive: Drive) -> Warnings:
 
 def drive_warnings(drive: Drive, point: OperatingPoint) -> Warnings:
     """The warnings of the drive from which a study of many drives starts."""
-    return steady_warnings(drive, point, steady_state(drive, point, throw=False))
+    steady = steady_state(drive, point, throw=False)
+    return [*file_warnings(drive), *steady_warnings(drive, point, steady)]
 
 
 def sweep_warnings(drive: Drive, point: OperatingPoint, found: Sweep) -> Warnings:
     """Warn where the steady states of a sweep do so, at the worst of its values."""
-    stiff = _stiff_belts(drive, found.stiffness_ratios[found.good])
+    stiff = [*file_warnings(drive), *_stiff_belts(drive, found.stiffness_ratios[found.good])]
     if not point.load:
         return stiff
     return [*stiff, *load_warnings(*_ends(drive, point, found.name, found.values))]
