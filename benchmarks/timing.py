@@ -1,8 +1,10 @@
 """What the benchmarks share: timing and the table they print."""
 
 import os
+import resource
 import time
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import jax
@@ -38,6 +40,12 @@ def compiled(function, *arguments):
     start = time.perf_counter()
     result = jax.jit(function).lower(*arguments).compile()
     return result, time.perf_counter() - start
+
+
+def resident_memory() -> float:
+    """What this process holds [MiB] (Linux)."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * resource.getpagesize() / 2**20
 
 
 def show(title: str, one: str, rows: list[Row]) -> None:
