@@ -43,6 +43,11 @@ def keep_no_programs() -> None:
     _keeping[0] = False
 
 
+def only_own_code() -> bool:
+    """Whether all code is that of this library: other processes have the same."""
+    return _keeping[0]
+
+
 def run_kept(function: Callable, *args: Any) -> Any:
     """`function(*args)` for arguments of arrays and static parts, its program kept for next time.
 
