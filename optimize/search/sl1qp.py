@@ -214,11 +214,20 @@ def _netted(multipliers: Rows, equal: int) -> Rows:
 def _conditions(by: Method, s: SequentialIterate, multipliers: Rows) -> tuple[Scalar, Scalar, Flag]:
     """Residuals of stationarity and complementarity, and whether all conditions are met."""
     slope = s.at.g + s.at.J.T @ multipliers
-    stationarity = jnp.max(jnp.abs(s.x - jnp.clip(s.x - slope, *by.bounds)), initial=0.0)
+    stationarity = _free(s.x, slope, by.bounds)
     complementarity = jnp.max(jnp.abs(multipliers * s.at.c), initial=0.0)
     allowed = by.tol * (1.0 + jnp.max(jnp.abs(s.at.g), initial=0.0))
-    met = (stationarity <= allowed) & (complementarity <= allowed)
+    # A slope by a variable of 1e8 is small; so it must be small in the sizes of the variables, too.
+    inside = Bounds(by.bounds.least / by.sizes, by.bounds.greatest / by.sizes)
+    in_sizes = _free(s.x / by.sizes, slope * by.sizes, inside)
+    flat = in_sizes <= by.tol * (1.0 + jnp.max(jnp.abs(s.at.g * by.sizes), initial=0.0))
+    met = flat & (stationarity <= allowed) & (complementarity <= allowed)
     return stationarity, complementarity, met & (_violation(s.at.c) <= by.tol)
+
+
+def _free(x: Vector, slope: Vector, bounds: Bounds) -> Scalar:
+    """The largest component of a slope that no bound holds."""
+    return jnp.max(jnp.abs(x - jnp.clip(x - slope, *bounds)), initial=0.0)
 
 
 def _verdict(s: SequentialIterate, step: _Step, new: LocalSlopes) -> _Verdict:
