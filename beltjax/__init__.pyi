@@ -39,6 +39,7 @@ from .analysis.steady import steady_state as steady_state
 from .analysis.sweep import Sweep as Sweep
 from .analysis.sweep import sweep as sweep
 from .analysis.tracking import Veering as Veering
+from .compiling.cache import use_cache as use_cache
 from .compiling.quick import quick_jit as quick_jit
 from .compiling.quick import thorough_jit as thorough_jit
 from .drive.components import ArmSpring as ArmSpring

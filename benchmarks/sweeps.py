@@ -13,7 +13,6 @@ not in the table.
 
 import argparse
 import json
-import resource
 import subprocess
 import sys
 import tempfile
@@ -25,6 +24,7 @@ import jax
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from timing import resident_memory
 
 import beltjax as bj
 from beltjax.drive.numbers import with_numbers
@@ -48,7 +48,7 @@ def explored(store: str, count: int, modes: int, workers: int) -> dict[str, Any]
 
     def advance(stage, done, total):
         told.append((time.perf_counter(), done))
-        held.append(memory())
+        held.append(resident_memory())
 
     began = time.perf_counter()
     data = bj.optimize.explore(
@@ -68,12 +68,6 @@ def explored(store: str, count: int, modes: int, workers: int) -> dict[str, Any]
     growth = held[-1] - held[1 + workers]
     wrong = error(data, modes)
     return {"rate": rate, "seconds": spent, "memory": held[-1], "growth": growth, "error": wrong}
-
-
-def memory() -> float:
-    """What this process holds [MiB] (Linux)."""
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    return pages * resource.getpagesize() / 2**20
 
 
 def error(data: Any, modes: int) -> float:

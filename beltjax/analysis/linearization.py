@@ -9,7 +9,7 @@ from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.canonical import strongly_typed
 from beltjax.drive.components import as_optional
 from beltjax.drive.groups import Groups, Scales
-from beltjax.drive.shafts import rotors
+from beltjax.drive.shafts import has_rotor_inertias
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis, Legendre
 from beltjax.physics import span
@@ -238,4 +238,4 @@ def belt_inertia(groups: Groups) -> Float[Array, "pulleys pulleys"]:
 def has_inertias(drive: Drive) -> bool:
     """Whether all rotors and tensioners have the inertia that vibration needs."""
     bodies = all(body.inertia is not None for body in drive.tensioners)
-    return bodies and rotors(drive).inertias is not None
+    return bodies and has_rotor_inertias(drive)

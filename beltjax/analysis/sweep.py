@@ -232,12 +232,12 @@ class _Evaluation(NamedTuple):
         def run(chunk: np.ndarray) -> Sample:
             drive, point = canonical(self.drive, self.point)
             numbers = drive, point, canonical_key(self.drive, self.name), jnp.asarray(chunk)
-            return quickly_compiled(_samples)(*numbers, self.window, self.basis)
+            return quickly_compiled(samples)(*numbers, self.window, self.basis)
 
         return in_chunks(run, values, CHUNK, functools.partial(self.advance, stage))
 
 
-def _samples(
+def samples(
     drive: Drive,
     point: OperatingPoint,
     name: str,
@@ -245,6 +245,8 @@ def _samples(
     window: int,
     basis: AbstractBasis,
 ) -> Sample:
+    """What a sweep keeps of the points where the number of that canonical key has these values."""
+
     def at(value: Float[Array, ""]) -> Sample:
         steady = steady_state(*with_number(drive, point, name, value), throw=False)
         lin = linearize(steady, basis, throw=False)

@@ -52,7 +52,11 @@ def _document() -> type["Document"]:
 )
 @click.option("--batch", type=int, metavar="N", help="Compute and write so many designs at once.")
 @click.option(
-    "--workers", type=int, metavar="N", help="Use so many processes on this machine, by Dask."
+    "--workers",
+    type=int,
+    metavar="N",
+    help="Use so many processes on this machine, by Dask; for modes of many designs one for each "
+    "core unless given.",
 )
 @click.option("--scheduler", metavar="ADDRESS", help="Use the Dask cluster at tcp://HOST:PORT.")
 @json_option

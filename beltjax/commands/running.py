@@ -121,16 +121,11 @@ def _check_picture(path: str | None) -> None:
 def prepare_jax() -> None:
     """Double precision, and compiled code kept in the user's cache for the next run."""
     import jax
-    from platformdirs import user_cache_dir
 
-    from beltjax.files.writing import made_private
+    from beltjax.compiling.cache import use_cache
 
     jax.config.update("jax_enable_x64", True)
-    cache = user_cache_dir("beltjax")
-    if not os.environ.get("JAX_COMPILATION_CACHE_DIR") and made_private(cache):
-        jax.config.update("jax_compilation_cache_dir", cache)
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
-    jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+    use_cache()
 
 
 @contextlib.contextmanager

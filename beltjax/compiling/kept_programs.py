@@ -6,6 +6,7 @@ under a name made of everything it depends on.
 """
 
 import concurrent.futures
+import functools
 import hashlib
 import os
 import pickle
@@ -42,6 +43,11 @@ def keep_no_programs() -> None:
     _keeping[0] = False
 
 
+def only_own_code() -> bool:
+    """Whether all code is that of this library: other processes have the same."""
+    return _keeping[0]
+
+
 def run_kept(function: Callable, *args: Any) -> Any:
     """`function(*args)` for arguments of arrays and static parts, its program kept for next time.
 
@@ -66,21 +72,18 @@ def run_kept(function: Callable, *args: Any) -> Any:
 
 def _compiled(function: Callable, arrays: list[Any]) -> jax.stages.Compiled:
     """`function`, compiled and not written to JAX's own cache."""
-    lowered = jax.jit(function).lower(*arrays)
+    lowered, options = jax.jit(function).lower(*arrays), quick_options()
     before = jax.config.values[_KEPT]
     jax.config.update(_KEPT, float("inf"))
     try:
-        return lowered.compile(quick_options())
+        return lowered.compile(options)
     finally:
         jax.config.update(_KEPT, before)
 
 
 def _key(function: Callable, args: Any) -> str:
     """A name for the program: its code, what compiles it, and the arguments' structure."""
-    digest = hashlib.sha256()
-    root = Path(beltjax.__file__).parent
-    for source in sorted(root.rglob("*.py")):
-        digest.update(source.read_bytes())
+    digest = hashlib.sha256(_digest_of_code())
     arrays, static = eqx.partition(args, eqx.is_array)
     shapes = [(leaf.shape, str(leaf.dtype)) for leaf in jax.tree.leaves(arrays)]
     parts = (jax.__version__, jaxlib.version.__version__, os.environ.get("XLA_FLAGS"), _processor())
@@ -89,6 +92,16 @@ def _key(function: Callable, args: Any) -> str:
     return digest.hexdigest()[:40]
 
 
+@functools.cache
+def _digest_of_code() -> bytes:
+    """A digest of this library's source."""
+    digest = hashlib.sha256()
+    for source in sorted(Path(beltjax.__file__).parent.rglob("*.py")):
+        digest.update(source.read_bytes())
+    return digest.digest()
+
+
+@functools.cache
 def _processor() -> str:
     """The processor and what it can do: compiled code of another one may not run."""
     try:
@@ -112,6 +125,7 @@ def _read(path: Path, count: int) -> tuple[jax.stages.Compiled, Form] | None:
         return None
 
 
+@functools.cache
 def _load_lapack() -> None:
     """Have JAX load LAPACK: lowering does it, which a program that is read does without."""
     jax.jit(jax.numpy.linalg.cholesky).lower(jax.ShapeDtypeStruct((1, 1), float))

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from beltjax.compiling.kept_programs import run_kept
 from beltjax.drive.canonical import canonical_drive
 from beltjax.drive.components import SENSES, as_flags
 from beltjax.drive.file_bodies import SINGLE, arm_direction
@@ -173,7 +174,6 @@ def drawn_arm_angle(drive: Drive) -> float:
     return arm_direction(centers, drive.tensioners[0].pivot)
 
 
-@jax.jit
 def _survey(drive: Drive, coordinates: Float[Array, " coordinates"]) -> tuple[Layout, Clearances]:
     at = layout(drive, coordinates, throw=False)
     return at, clearances(drive, at)
@@ -197,7 +197,7 @@ def _faults(
     bare = dataclasses.replace(
         drive, installation=TensionGiven(1.0), arm_springs=(), isolators=(), dampers=()
     )
-    survey = jax.device_get(_survey(canonical_drive(bare), as_flags(coordinates)))
+    survey = jax.device_get(run_kept(_survey, canonical_drive(bare), as_flags(coordinates)))
     return [
         _arm_fault(drive) or next(filter(None, (find(loop) for find in _CHECKS)), None)
         for loop in _loops(drive, *survey)

@@ -120,7 +120,8 @@ def _is_center(words: tuple[str, ...]) -> bool:
 
 def _far_centers(drive: Drive) -> Iterator[str]:
     """Asks about centers that lie apart as if millimeters were meters."""
-    centers, smallest = np.asarray(drive.centers), float(np.min(np.asarray(drive.radii)))
+    centers = np.array([pulley.center for pulley in drive.pulleys])
+    smallest = min(float(pulley.radius) for pulley in drive.pulleys)
     farthest = float(np.max(np.hypot(*(centers[:, None] - centers).T)))
     if farthest > _LONGEST * smallest:
         yield (

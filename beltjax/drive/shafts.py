@@ -173,14 +173,21 @@ def rotor_names(drive: Drive) -> tuple[str, ...]:
     )
 
 
+def has_rotor_inertias(drive: Drive) -> bool:
+    """Whether each rotor has its inertia given."""
+    return all(_given_inertias(drive))
+
+
 def _inertias(drive: Drive) -> Float[Array, " rotors"] | None:
-    """Inertia of each rotor; the inertia of a shaft may be given with any of its pulleys."""
-    own: list[Array | None] = []
-    for shaft in drive.shafts:
-        inertias = (drive.pulleys[place].inertia for place in shaft)
-        given = [inertia for inertia in inertias if inertia is not None]
-        own.append(jnp.sum(jnp.stack(given), axis=0) if given else None)
-    own += [isolator.rim_inertia for isolator in drive.isolators]
-    own += [damper.inertia for damper in drive.dampers]
-    found = [inertia for inertia in own if inertia is not None]
-    return jnp.stack(found) if len(found) == len(own) else None
+    """Inertia of each rotor; None where one is missing."""
+    if not has_rotor_inertias(drive):
+        return None
+    return jnp.stack([jnp.sum(jnp.stack(parts), axis=0) for parts in _given_inertias(drive)])
+
+
+def _given_inertias(drive: Drive) -> list[list[Array]]:
+    """What is given of each rotor's inertia; that of a shaft with any of its pulleys."""
+    hubs = [[drive.pulleys[place].inertia for place in shaft] for shaft in drive.shafts]
+    rims = [[isolator.rim_inertia] for isolator in drive.isolators]
+    rings = [[damper.inertia] for damper in drive.dampers]
+    return [[part for part in parts if part is not None] for parts in (*hubs, *rims, *rings)]

@@ -1,5 +1,6 @@
 """Derivatives: of few numbers taken once, of failures none."""
 
+import functools
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -35,11 +36,11 @@ def with_own_slopes(function: Callable[..., Float[Array, " m"]]) -> Callable[...
     product with a few numbers: forward by any number of directions, or in reverse, where nothing
     inside of `function` is transposed. By arguments that are constants no slopes are taken.
     """
-    held = jax.custom_jvp(function)
+    # Jitted, both are traced once, however many loops and derivatives they occur in.
+    held = jax.custom_jvp(jax.jit(function))
 
-    def rule(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
-        moving = [k for k, tangent in enumerate(tangents) if type(tangent) is not SymbolicZero]
-
+    @functools.partial(jax.jit, static_argnums=0)
+    def with_slopes(moving: tuple[int, ...], *primals: Array) -> tuple[Array, Array]:
         def along(*moved: Array) -> Array:
             arguments = list(primals)
             for k, value in zip(moving, moved, strict=True):
@@ -49,7 +50,11 @@ def with_own_slopes(function: Callable[..., Float[Array, " m"]]) -> Callable[...
         def push(row: Array) -> tuple[Array, Array]:
             return jax.jvp(along, tuple(primals[k] for k in moving), tuple(row))
 
-        value, slopes = jax.vmap(push, out_axes=(None, 0))(jnp.eye(len(moving)))
+        return jax.vmap(push, out_axes=(None, 0))(jnp.eye(len(moving)))
+
+    def rule(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
+        moving = [k for k, tangent in enumerate(tangents) if type(tangent) is not SymbolicZero]
+        value, slopes = with_slopes(tuple(moving), *primals)
         steps = jnp.stack([tangents[k] for k in moving])
         return value, jnp.sum(slopes * steps[:, None], axis=0)
 

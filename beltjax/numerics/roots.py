@@ -244,9 +244,29 @@ def _solution(args: Any, root: Array, *, function: Callable) -> Any:
 def _solution_jvp(
     primals: tuple[Any, ...], tangents: tuple[Any, ...], *, function: Callable
 ) -> tuple[Any, Any]:
-    (args, root), (moved, _) = primals, tangents
+    args, root = primals
+    value, shift, change = _moved(args, root, tangents[0], function)
+    return value, (shift, change)
+
+
+@eqx.filter_custom_jvp
+def _root_alone(args: Any, root: Array, *, function: Callable) -> Array:
+    return root
+
+
+@_root_alone.def_jvp
+def _root_alone_jvp(
+    primals: tuple[Any, ...], tangents: tuple[Any, ...], *, function: Callable
+) -> tuple[Array, Array]:
+    args, root = primals
+    (root, _), shift, _ = _moved(args, root, tangents[0], function)
+    return root, shift
+
+
+def _moved(args: Any, root: Array, moved: Any, function: Callable) -> tuple[Any, Array, Any]:
+    """Root and rest, and by how much both move with the arguments."""
     # As it follows from the arguments, for those who differentiate this rule in turn.
-    root, _ = _solution(args, root, function=function)
+    root = _root_alone(args, root, function=function)
     moves = jax.tree.map(lambda x: x is not None, moved, is_leaf=lambda x: x is None)
     numbers, others = eqx.partition(args, moves)
     still = jax.tree.map(jnp.zeros_like, moved)
@@ -261,7 +281,7 @@ def _solution_jvp(
     forced, change = push(jnp.zeros_like(root), moved)
     shift = -solve_dense(columns, forced)
     change = jax.tree.map(lambda x, slopes: x + slopes @ shift, change, by_root)
-    return (root, eqx.combine(rest, other_rest)), (shift, change)
+    return (root, eqx.combine(rest, other_rest)), shift, change
 
 
 def _solve_linear(linear: Callable[[Array], Array], right: Array) -> Array:

@@ -23,7 +23,7 @@ Rows = Float[Array, " m"]
 
 _CENTER = (1e-6, 0.5)  # of the mean complementarity, least and greatest: where a step aims
 _SHORT = 0.995  # of the way to the nearest bound
-_NEAR = 1e-12  # mean complementarity, relative to the first one, at which the search ends
+_NEAR = 1e-14  # mean complementarity, relative to the first one, at which the search ends
 _REFINEMENTS = 3  # of the solution, once it is known what holds it
 _STIFF = 1e4  # weight of the rows that hold, beside the curvature of the objective
 _STEPS = 30

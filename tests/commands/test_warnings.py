@@ -10,6 +10,7 @@ import pytest
 from drives import example
 
 import beltjax as bj
+from beltjax.commands.reports.states import readings
 from beltjax.commands.reports.warnings import (
     load_warnings,
     range_warnings,
@@ -61,6 +62,11 @@ def test_speeds_outside_of_the_table_of_a_load_are_named():
     assert len(range_warnings(drive, points[0], np.array([0.9, 1.0]) * inside)) == 1
 
 
+def warned_of(drive, point, steady, code):
+    read = readings(drive, point, steady)
+    return [one for one in steady_warnings(drive, point, steady, read) if one["code"] == code]
+
+
 def test_tensions_above_the_maker_s_limit_are_named():
     """Without torques all spans have 300 N at rest, and eta of 20 m/s takes some of it."""
     drive, point = example("three_pulley")
@@ -72,8 +78,7 @@ def test_tensions_above_the_maker_s_limit_are_named():
         return dataclasses.replace(drive, belts=(belt,))
 
     def above(drive):
-        code = "tension_above_allowable"
-        return [one for one in steady_warnings(drive, point, steady) if one["code"] == code]
+        return warned_of(drive, point, steady, "tension_above_allowable")
 
     (one,) = above(limited(most - 1))
     assert re.search(rf"\S+-\S+ has {most:.4g} N of {most - 1:.4g} N", one["text"])
@@ -92,7 +97,7 @@ def test_a_pulley_slips_where_the_capstan_holds_less_than_its_tensions_ask(part,
     friction = part * np.log(tight / slack) / wrap
     pulleys = (*drive.pulleys[:2], dataclasses.replace(drive.pulleys[2], friction=friction))
     drive = dataclasses.replace(drive, pulleys=pulleys)
-    warned = [one for one in steady_warnings(drive, point, steady) if one["code"] == "belt_slips"]
+    warned = warned_of(drive, point, steady, "belt_slips")
     assert [one["text"].startswith("the belt slips on accessory (-0.0") for one in warned] == (
         [True] * slips
     )

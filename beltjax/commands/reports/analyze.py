@@ -45,12 +45,11 @@ from beltjax.draw.labels import mode_labels
 from beltjax.drive.bodies import single_arm
 from beltjax.drive.canonical import canonical
 from beltjax.drive.files import load_runs
-from beltjax.drive.layout import alignment_angles
 from beltjax.drive.numbers import named_numbers
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
-from beltjax.numerics.bases import Legendre
+from beltjax.numerics.bases import AbstractBasis, Legendre
 from beltjax.results import RESULTS, succeeded
 
 MODES = 8
@@ -171,13 +170,13 @@ def analyze_report(
     few = pulleys <= MOST_VIBRATING
     basis = Legendre(min(_FUNCTIONS, max(_COORDINATES // pulleys, 1)))
     count = MODES if few else 0
-    found = jax.device_get(run_kept(canonical_sensitivities, *numbers, count, basis))
+    found, read = jax.device_get(run_kept(_analyzed, *numbers, count, basis))
     found = in_names_of(drive, point, found)
     why = diagnose(drive, point, found.steady)
     if why and why.impossible:
         raise FileError(path, why.key, why.message)
     failure = str(FileError(path, why.key, why.message)) if why else ""
-    document = analyze_document(drive, point, found)
+    document = analyze_document(drive, point, found, read)
     if duties:
         document |= duties_document(drive, point, duties)
         document["warnings"] = duty_warnings(document)
@@ -202,7 +201,17 @@ def analyze_report(
     return Report(document, tables, failure, tuple(files))
 
 
-def analyze_document(drive: Drive, point: OperatingPoint, found: Sensitivities) -> dict[str, Any]:
+def _analyzed(
+    drive: Drive, point: OperatingPoint, count: int, basis: AbstractBasis
+) -> tuple[Sensitivities, states.Readings]:
+    """All that is computed of a drive: one program."""
+    found = canonical_sensitivities(drive, point, count, basis)
+    return found, states.readings(drive, point, found.steady)
+
+
+def analyze_document(
+    drive: Drive, point: OperatingPoint, found: Sensitivities, read: states.Readings
+) -> dict[str, Any]:
     """Layout, reference state, groups, steady state, modes and sensitivities of one drive.
 
     What does not apply is None: the arm of a drive without tensioner, the states beyond one
@@ -216,15 +225,15 @@ def analyze_document(drive: Drive, point: OperatingPoint, found: Sensitivities) 
         "drive": drive.name,
         "model": model_flags(drive),
         "success": running,
-        "warnings": steady_warnings(drive, point, steady),
-        "layout": _layout(drive, steady),
+        "warnings": steady_warnings(drive, point, steady, read),
+        "layout": _layout(drive, steady, read),
         "reference": _reference(drive, steady, rested) if rests else None,
         "groups": _groups(steady) if rested else None,
         "steady": _steady(drive, steady) if running else None,
         "coordinates": states.coordinates(drive, steady, running) if rests else None,
         "belts": states.belts(drive, steady, running) if rests else None,
-        "pulleys": states.pulleys(drive, point, steady, running),
-        "spans": states.spans(drive, steady, running, states.heard_running([steady])[0]),
+        "pulleys": states.pulleys(drive, steady, read, running),
+        "spans": states.spans(drive, steady, read, running),
         "isolators": states.isolators(drive, steady) if rests else None,
         **dict.fromkeys(("duty", "duties", "worst", "worst_hub_loads")),
         "modes": _modes(drive, found.modes) if running and found.modes else None,
@@ -239,7 +248,7 @@ def plain_numbers(
     return {name: plain(value) for name, value in named_numbers(drive, point, of).items()}
 
 
-def _layout(drive: Drive, steady: SteadyState) -> dict[str, Any]:
+def _layout(drive: Drive, steady: SteadyState, read: states.Readings) -> dict[str, Any]:
     at = steady.reference.layout
     lengths = plain(at.span_lengths)
     spans = [
@@ -250,7 +259,7 @@ def _layout(drive: Drive, steady: SteadyState) -> dict[str, Any]:
         "spans": spans,
         "wraps_deg": plain(np.degrees(at.wraps)),
         "path_length": plain(at.path_length),
-        "alignment_angles_deg": plain(np.degrees(alignment_angles(drive, at)[0]))
+        "alignment_angles_deg": plain(np.degrees(read.alignment_angles[0]))
         if single_arm(drive)
         else None,
     }

@@ -10,7 +10,7 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from beltjax.analysis.duties import duty_numbers, steady_states
+from beltjax.analysis.duties import duty_numbers
 from beltjax.analysis.steady import SteadyState
 from beltjax.commands.reports import states
 from beltjax.commands.reports.diagnosis import diagnose
@@ -58,12 +58,11 @@ def duties_document(
     drive: Drive, point: OperatingPoint, duties: dict[str, OperatingPoint]
 ) -> dict[str, Any]:
     """The keys of a document that concern duties, of which `point` may be one."""
-    found = jax.device_get(run_kept(steady_states, *duty_numbers(drive, duties)[:2]))
+    found = jax.device_get(run_kept(_read_states, *duty_numbers(drive, duties)[:2]))
     each = [jax.tree.map(lambda x, k=k: x[k], found) for k in range(len(duties))]
-    heard = states.heard_running(each)
     parts = [
-        _duty(drive, name, point, steady, hertz)
-        for (name, point), steady, hertz in zip(duties.items(), each, heard, strict=True)
+        _duty(drive, name, point, *state)
+        for (name, point), state in zip(duties.items(), each, strict=True)
     ]
     return {
         "duty": next((name for name, duty in duties.items() if duty is point), None),
@@ -73,8 +72,13 @@ def duties_document(
     }
 
 
+def _read_states(drive: Drive, points: OperatingPoint) -> tuple[SteadyState, states.Readings]:
+    """The steady state at each of the points, and what is read from it."""
+    return jax.vmap(states.read_state, (None, 0))(drive, points)
+
+
 def _duty(
-    drive: Drive, name: str, point: OperatingPoint, steady: SteadyState, heard: np.ndarray
+    drive: Drive, name: str, point: OperatingPoint, steady: SteadyState, read: states.Readings
 ) -> dict[str, Any]:
     running = bool(succeeded(steady.result))
     why = diagnose(drive, point, steady)
@@ -85,14 +89,14 @@ def _duty(
         "name": name,
         "success": why is None,
         "outcome": f"{why.key}: {why.message}" if why else None,
-        "warnings": steady_warnings(drive, point, steady),
+        "warnings": steady_warnings(drive, point, steady, read),
         "belt_speed": plain(speed),
         "driver_speed": plain(speed / (drive.drives @ drive.radii)),
         "coupling": plain(steady.coupling) if running else None,
         "coupling_total": plain(np.sum(steady.coupling)) if running else None,
         "coordinates": states.coordinates(drive, steady, running) if rests else None,
-        "pulleys": states.pulleys(drive, point, steady, running),
-        "spans": states.spans(drive, steady, running, heard),
+        "pulleys": states.pulleys(drive, steady, read, running),
+        "spans": states.spans(drive, steady, read, running),
     }
 
 

@@ -1,6 +1,8 @@
 """The work of `beltjax explore`: it reads ranges, fills a store and sums it up."""
 
 import functools
+import importlib.util
+import os
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
@@ -8,6 +10,7 @@ from datetime import timedelta
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from rich.console import Group
 from rich.markup import escape
@@ -27,12 +30,16 @@ from beltjax.commands.reports.tables import plain_table
 from beltjax.commands.reports.units import TableUnits
 from beltjax.commands.reports.warnings import drive_warnings, warning_lines
 from beltjax.commands.running import Advance
+from beltjax.compiling.kept_programs import only_own_code
 from beltjax.drive.files import load_drive
 from beltjax.drive.numbers import require_numbers, shift_of, unit_of
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
 
 _SLICE = 65_536  # designs of a store read at once
+# With modes a design takes some 10 ms, and each process as many seconds to begin and compile.
+_WORTH_PROCESSES = 2000
+_MOST_PROCESSES = 8  # each holds about half a gigabyte
 
 
 class ExtremePart(Part):
@@ -107,7 +114,7 @@ def explore_report(path: str, given: ExploreOptions, advance: Advance, si: bool 
                 given.store,
                 modes=given.modes,
                 batch=given.batch,
-                workers=given.workers,
+                workers=_workers(given, designs.total),
                 scheduler=given.scheduler,
                 advance=pace,
             )
@@ -139,6 +146,29 @@ def explore_report(path: str, given: ExploreOptions, advance: Advance, si: bool 
         failure = str(FileError(path, "", f"no design succeeded: {text}"))
     tables = _tables(document, TableUnits(drive, si))
     return Report(document, Group(*warning_lines(document), tables), failure)
+
+
+def _workers(given: ExploreOptions, total: int) -> int | None:
+    """The processes that compute; None: this one does.
+
+    XLA shares formulas between the cores by itself, but solves eigenproblems one after the other on
+    one core. Where modes of many designs are asked each core has a process, unless the user has
+    said otherwise or has added code, which other processes do not have.
+    """
+    chosen = given.workers is not None or given.scheduler
+    if chosen or not given.modes or total < _WORTH_PROCESSES or not only_own_code():
+        return given.workers
+    several = jax.default_backend() == "cpu" and jax.local_device_count() == 1
+    present = importlib.util.find_spec("distributed") is not None
+    cores = min(available_cores(), _MOST_PROCESSES)
+    return cores if several and present and cores > 1 else None
+
+
+def available_cores() -> int:
+    """The processors that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 class _Pace:

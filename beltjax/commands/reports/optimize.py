@@ -24,7 +24,7 @@ from beltjax.commands.reports.documents import (
 from beltjax.commands.reports.report import Report
 from beltjax.commands.reports.tables import number, plain_table
 from beltjax.commands.reports.units import TableUnits
-from beltjax.commands.reports.warnings import file_warnings, steady_warnings, warning_lines
+from beltjax.commands.reports.warnings import file_warnings, state_warnings, warning_lines
 from beltjax.commands.running import Advance
 from beltjax.drive.files import drive_bytes
 from beltjax.drive.operation import OperatingPoint
@@ -283,7 +283,7 @@ def optimize_document(point: OperatingPoint, design: optimize.Design) -> dict[st
     implied = [constraint for constraint in design.constraints if constraint.implied]
     return {
         "model": model_flags(design.drive),
-        "warnings": steady_warnings(design.drive, point, design.steady),
+        "warnings": state_warnings(design.drive, point),
         "design": dict(design.values),
         "objective": {"initial": design.initial, "final": design.final},  # None: nothing runs
         "constraints": [_constraint(constraint) for constraint in own],

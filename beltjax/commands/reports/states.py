@@ -1,18 +1,16 @@
 """What a document tells of each tensioner, belt, pulley, span and isolator of a drive."""
 
-from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from beltjax.analysis.moving_beam import held_spans, lowest_of_spans
-from beltjax.analysis.steady import SteadyState
+from beltjax.analysis.steady import SteadyState, steady_state
 from beltjax.commands.reports.documents import Maybe, Part, meaning, plain
-from beltjax.compiling.kept_programs import run_kept
 from beltjax.drive.components import KINDS, Tensioner
 from beltjax.drive.fitting import next_lengths
+from beltjax.drive.layout import alignment_angles
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.shafts import transmission
 from beltjax.drive.system import Drive
@@ -83,6 +81,39 @@ class IsolatorPart(Part):
     wind_up: Maybe = meaning("rad, torque over stiffness")
 
 
+class Readings(NamedTuple):
+    """What a document tells of a steady state and what follows from it, computed with it.
+
+    Computed by JAX outside of a compiled function, each sum would be a program of its own.
+    """
+
+    alignment_angles: Float[Array, "coordinates 2"]  # [rad]
+    turning: Float[Array, " pulleys"]  # [rad/s], counterclockwise
+    torques: Float[Array, " pulleys"]  # taken from the belt [N m]
+    hub_loads: Float[Array, "pulleys 2"]  # [N]
+    slip_exponents: Float[Array, " pulleys"]
+    heard: Float[Array, " spans"]  # what a tension meter hears of the running belt [Hz]
+
+
+def readings(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Readings:
+    """The readings of a steady state, for compiled functions."""
+    driven = transmission(drive, point)
+    return Readings(
+        alignment_angles=alignment_angles(drive, steady.reference.layout),
+        turning=driven.turning * driven.speeds / drive.radii,
+        torques=driven.torques,
+        hub_loads=steady.hub_loads,
+        slip_exponents=steady.slip_exponents,
+        heard=lowest_of_spans(held_spans(steady)),
+    )
+
+
+def read_state(drive: Drive, point: OperatingPoint) -> tuple[SteadyState, Readings]:
+    """A steady state and its readings, for compiled functions; a failure is in its result."""
+    steady = steady_state(drive, point, throw=False)
+    return steady, readings(drive, point, steady)
+
+
 def kind_of(body: Tensioner) -> str:
     """How a tensioner moves, as the file says it."""
     return next(word for word, sign in KINDS.items() if sign == float(body.kind))
@@ -148,17 +179,16 @@ def belts(drive: Drive, steady: SteadyState, running: bool) -> list[dict[str, An
 
 
 def pulleys(
-    drive: Drive, point: OperatingPoint, steady: SteadyState, running: bool
+    drive: Drive, steady: SteadyState, read: Readings, running: bool
 ) -> list[dict[str, Any]]:
     """Each pulley: wrap, speed of rotation, load on its hub and torque."""
-    at, driven = steady.reference.layout, transmission(drive, point)
     columns = zip(
         drive.pulley_names,
-        plain(np.degrees(at.wraps)),
-        plain(np.asarray(driven.turning * driven.speeds / drive.radii)),
-        plain(steady.hub_loads),
-        plain(driven.torques),
-        slip_margins(drive, steady),
+        plain(np.degrees(steady.reference.layout.wraps)),
+        plain(read.turning),
+        plain(read.hub_loads),
+        plain(read.torques),
+        slip_margins(drive, steady, read),
         strict=True,
     )
     return [
@@ -174,23 +204,18 @@ def pulleys(
     ]
 
 
-def slip_margins(drive: Drive, steady: SteadyState) -> list[float | None]:
+def slip_margins(drive: Drive, steady: SteadyState, read: Readings) -> list[float | None]:
     """Friction times wrap of each pulley, less what its tensions use of it; None: no friction."""
     wraps = np.asarray(steady.reference.layout.wraps)
-    used = np.asarray(steady.slip_exponents)
+    used = np.asarray(read.slip_exponents)
     return [
         None if pulley.friction is None else plain(float(pulley.friction) * wrap - exponent)
         for pulley, wrap, exponent in zip(drive.pulleys, wraps, used, strict=True)
     ]
 
 
-def spans(
-    drive: Drive, steady: SteadyState, running: bool, heard: np.ndarray
-) -> list[dict[str, Any]]:
-    """Each span: its length, its tensions and what a tension meter hears.
-
-    `heard` [spans] is what it hears of the running belt [Hz].
-    """
+def spans(drive: Drive, steady: SteadyState, read: Readings, running: bool) -> list[dict[str, Any]]:
+    """Each span: its length, its tensions and what a tension meter hears."""
     at, rest = steady.reference.layout, np.asarray(steady.reference.tensions)
     of_span = [drive.belts[b] for b in drive.belt_of_span]
     bending = np.array([float(belt.bending_stiffness) for belt in of_span])
@@ -205,7 +230,7 @@ def spans(
         plain(steady.running_tensions),
         plain(rest),
         plain(hertz),
-        plain(heard),
+        plain(read.heard),
         strict=True,
     )
     tight = bool(succeeded(steady.reference.result))
@@ -221,13 +246,6 @@ def spans(
         }
         for name, length, tension, still, at_rest, hears in columns
     ]
-
-
-def heard_running(steady: Sequence[SteadyState]) -> list[np.ndarray]:
-    """What a tension meter hears [Hz] of the spans of running drives of one number of spans."""
-    spans = [held_spans(state) for state in steady]
-    joined = jax.tree.map(lambda *x: jnp.concatenate([jnp.asarray(one) for one in x]), *spans)
-    return np.split(np.asarray(run_kept(lowest_of_spans, joined)), len(spans))
 
 
 def isolators(drive: Drive, steady: SteadyState) -> list[dict[str, Any]]:

@@ -3,16 +3,19 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from rich.text import Text
 
 from beltjax.analysis.periodic import STEEPEST, PeriodicResponse
 from beltjax.analysis.response import Response
-from beltjax.analysis.steady import FARTHEST, STIFFEST, SteadyState, steady_state
+from beltjax.analysis.steady import FARTHEST, STIFFEST, SteadyState
 from beltjax.analysis.sweep import Sweep
-from beltjax.commands.reports.states import slip_margins
+from beltjax.commands.reports.states import Readings, read_state, slip_margins
 from beltjax.commands.reports.vibrating import RPM
+from beltjax.compiling.kept_programs import run_kept
+from beltjax.drive.canonical import canonical
 from beltjax.drive.numbers import with_number
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.shafts import transmission
@@ -22,7 +25,9 @@ from beltjax.results import succeeded, successes
 Warnings = list[dict[str, str]]
 
 
-def steady_warnings(drive: Drive, point: OperatingPoint, steady: SteadyState) -> Warnings:
+def steady_warnings(
+    drive: Drive, point: OperatingPoint, steady: SteadyState, read: Readings
+) -> Warnings:
     """Warn where a steady state leaves the limits of its model."""
     if not succeeded(steady.result):
         return []
@@ -31,7 +36,7 @@ def steady_warnings(drive: Drive, point: OperatingPoint, steady: SteadyState) ->
         *_far_tensioners(drive, steady),
         *load_warnings((drive, point)),
         *_overloaded_belts(drive, steady),
-        *_slipping_pulleys(drive, steady),
+        *_slipping_pulleys(drive, steady, read),
         *_idle_dampers(drive),
     ]
 
@@ -102,9 +107,9 @@ def _overloaded_belts(drive: Drive, steady: SteadyState) -> Warnings:
     return [{"code": "tension_above_allowable", "text": text}]
 
 
-def _slipping_pulleys(drive: Drive, steady: SteadyState) -> Warnings:
+def _slipping_pulleys(drive: Drive, steady: SteadyState, read: Readings) -> Warnings:
     """Pulleys whose friction and wrap do not hold the tensions beside them."""
-    margins = zip(drive.pulley_names, slip_margins(drive, steady), strict=True)
+    margins = zip(drive.pulley_names, slip_margins(drive, steady, read), strict=True)
     slip = [
         f"{name} ({margin:.2g})" for name, margin in margins if margin is not None and margin < 0
     ]
@@ -137,8 +142,13 @@ def _idle_dampers(drive: Drive) -> Warnings:
 
 def drive_warnings(drive: Drive, point: OperatingPoint) -> Warnings:
     """The warnings of the drive from which a study of many drives starts."""
-    steady = steady_state(drive, point, throw=False)
-    return [*file_warnings(drive), *steady_warnings(drive, point, steady)]
+    return [*file_warnings(drive), *state_warnings(drive, point)]
+
+
+def state_warnings(drive: Drive, point: OperatingPoint) -> Warnings:
+    """`steady_warnings` of the drive's steady state at that point."""
+    found = jax.device_get(run_kept(read_state, *canonical(drive, point)))
+    return steady_warnings(drive, point, *found)
 
 
 def sweep_warnings(drive: Drive, point: OperatingPoint, found: Sweep) -> Warnings:

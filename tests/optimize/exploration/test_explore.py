@@ -333,6 +333,26 @@ def test_bad_question_is_one_line_and_writes_nothing(case, run, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("words", "total", "own", "workers"),
+    [
+        ({"modes": 4}, 2000, True, 6),
+        ({"modes": 0}, 10**6, True, None),  # formulas, which XLA shares between the cores
+        ({"modes": 4}, 1999, True, None),  # done before the processes have begun
+        ({"modes": 4, "workers": 1}, 10**6, True, 1),
+        ({"modes": 4, "scheduler": "tcp://there:1"}, 10**6, True, None),
+        ({"modes": 4}, 10**6, False, None),  # --extend: other processes lack what it registers
+    ],
+)  # fmt: skip
+def test_modes_of_many_designs_have_a_process_for_each_core(
+    words, total, own, workers, monkeypatch
+):
+    monkeypatch.setattr(exploration, "available_cores", lambda: 6)
+    monkeypatch.setattr(exploration, "only_own_code", lambda: own)
+    given = dict.fromkeys(exploration.ExploreOptions._fields) | words
+    assert exploration._workers(exploration.ExploreOptions(**given), total) == workers
+
+
 def test_progress_tells_rate_and_time_left_of_this_run(monkeypatch):
     clock, told = iter([0.0, 5.0, 7.0, 12.0]), []
     monkeypatch.setattr(exploration.time, "monotonic", lambda: next(clock))
