@@ -9,6 +9,7 @@ from .analysis.contact_path import belt_pieces as belt_pieces
 from .analysis.contact_path import span_deflection as span_deflection
 from .analysis.damping import Damping as Damping
 from .analysis.duties import duty_states as duty_states
+from .analysis.friction import lock_torque as lock_torque
 from .analysis.linearization import Linearization as Linearization
 from .analysis.linearization import linearize as linearize
 from .analysis.modes import Modes as Modes
@@ -17,6 +18,12 @@ from .analysis.moving_beam import MovingBeamModes as MovingBeamModes
 from .analysis.moving_beam import SpanFrequencies as SpanFrequencies
 from .analysis.moving_beam import moving_beam_modes as moving_beam_modes
 from .analysis.moving_beam import span_frequencies as span_frequencies
+from .analysis.orbit_measures import Measures as Measures
+from .analysis.orders import Orders as Orders
+from .analysis.periodic import PeriodicResponse as PeriodicResponse
+from .analysis.periodic import periodic_response as periodic_response
+from .analysis.periodic_branch import PeriodicBranch as PeriodicBranch
+from .analysis.periodic_branch import periodic_branch as periodic_branch
 from .analysis.reference import ReferenceState as ReferenceState
 from .analysis.reference import reference_state as reference_state
 from .analysis.response import Excitation as Excitation

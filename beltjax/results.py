@@ -71,6 +71,11 @@ if TYPE_CHECKING:
         drive_flutters: "RESULTS"
         span_slackens: "RESULTS"
         response_not_finite: "RESULTS"
+        orbit_not_found: "RESULTS"
+        orbit_unstable: "RESULTS"
+        span_slack_in_motion: "RESULTS"
+        slope_too_large: "RESULTS"
+        belt_slips_in_motion: "RESULTS"
         frequencies_not_isolated: "RESULTS"
         belt_too_stiff: "RESULTS"
         contact_pressure_lost: "RESULTS"
@@ -205,6 +210,30 @@ else:
         response_not_finite = (
             "No finite motion answers this excitation: it is at a resonance without damping, or "
             "its frequency or amplitude is far out of the ordinary. Lower them, or add damping."
+        )
+        orbit_not_found = (
+            "No periodic motion was found that grows from rest up to this excitation: on the way "
+            "it folds back, or loses its period. Lower the amplitude, add damping, change the "
+            "speed, or give more harmonics and samples."
+        )
+        orbit_unstable = (
+            "The periodic motion is unstable: a small disturbance grows, and the drive moves "
+            "otherwise. `multipliers` shows how fast; near -1 the period doubles."
+        )
+        span_slack_in_motion = (
+            "A span loses its tension during the motion, where slack is not in the model. "
+            "`measures.slack_fractions` shows which span; lower the excitation or raise the "
+            "tension."
+        )
+        slope_too_large = (
+            "A span deflects by a slope above 0.2, where the equations for small slopes are "
+            "inaccurate. `measures.slope_max` shows which span; lower the excitation or add "
+            "damping."
+        )
+        belt_slips_in_motion = (
+            "The tensions beside a pulley differ by more than its friction holds during the "
+            "motion, and slip is not in the model. `friction_use` shows which pulley; lower the "
+            "excitation or raise the tension."
         )
         frequencies_not_isolated = (
             "The exact frequencies could not be told apart. Use a finer basis for the first "

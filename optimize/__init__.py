@@ -58,7 +58,7 @@ from .search.registry import find_optimizer as find_optimizer
 from .search.registry import optimizer as optimizer
 from .search.registry import optimizer_names as optimizer_names
 from .search.results import History as History
-from .search.sqp import Minimum as Minimum
+from .search.sqp import Solution as Solution
 from .search.sqp import sqp as sqp
 from .study import Cases as Cases
 from .study import Choice as Choice

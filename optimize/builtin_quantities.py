@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from beltjax.analysis.steady import of_single
 from beltjax.drive.buildable import clearances
 
 from .drive_analyses import DriveAnalyses
@@ -183,3 +184,45 @@ def arm_amplitude(analyses: DriveAnalyses) -> Scalar:
     """Amplitude of the tensioner arm in forced vibration, zero to peak."""
     turning = analyses.response.arm_rotation[0]
     return jnp.sqrt(turning.real**2 + turning.imag**2 + 1e-60)
+
+
+@quantity("arm_travel", unit="rad", needs="excitation")
+def arm_travel(analyses: DriveAnalyses) -> Scalar:
+    """Travel of the tensioner arm in periodic motion of finite amplitude, peak to peak."""
+    return of_single(analyses.periodic.measures.travels)
+
+
+@quantity("rotation", unit="rad", place="pulley", needs="excitation")
+def rotation(analyses: DriveAnalyses, pulley: int) -> Scalar:
+    """Amplitude of one pulley's rotation in periodic motion, half peak to peak."""
+    return analyses.periodic.measures.rotation_amplitudes[pulley]
+
+
+@quantity("tension_min", unit="N", place="span", needs="excitation")
+def tension_min(analyses: DriveAnalyses, span: int) -> Scalar:
+    """Least tension of one span in periodic motion."""
+    return analyses.periodic.measures.tension_min[span]
+
+
+@quantity("tension_max", unit="N", place="span", needs="excitation")
+def tension_max(analyses: DriveAnalyses, span: int) -> Scalar:
+    """Greatest tension of one span in periodic motion."""
+    return analyses.periodic.measures.tension_max[span]
+
+
+@quantity("span_deflection", unit="m", place="span", needs="excitation")
+def span_deflection(analyses: DriveAnalyses, span: int) -> Scalar:
+    """Largest deflection of one span in periodic motion."""
+    return analyses.periodic.measures.span_peaks[span]
+
+
+@quantity("hub_load_max", unit="N", place="pulley", needs="excitation")
+def hub_load_max(analyses: DriveAnalyses, pulley: int) -> Scalar:
+    """Greatest force of the belt on the hub of one pulley in periodic motion."""
+    return analyses.periodic.measures.hub_load_max[pulley]
+
+
+@quantity("friction_use", place="pulley", needs="excitation")
+def friction_use(analyses: DriveAnalyses, pulley: int) -> Scalar:
+    """What periodic motion uses of one pulley's friction; above 1 it slips, 0 without friction."""
+    return analyses.periodic.friction_use[pulley]

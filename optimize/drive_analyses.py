@@ -8,6 +8,8 @@ from beltjax.analysis.contact import ContactState, contact_state, maximum_moment
 from beltjax.analysis.damping import Damping
 from beltjax.analysis.linearization import Linearization, linearize
 from beltjax.analysis.modes import Modes, modes
+from beltjax.analysis.orders import ORDER
+from beltjax.analysis.periodic import PeriodicResponse, periodic_response
 from beltjax.analysis.response import Excitation, Response, frequency_response
 from beltjax.analysis.steady import SteadyState
 from beltjax.drive.operation import OperatingPoint
@@ -18,9 +20,10 @@ from beltjax.results import RESULTS, succeeded
 MODES = 8  # natural modes that a study computes
 BASIS = Legendre(12)  # gives frequencies to about 0.1 %
 MODAL_DAMPING = 0.02  # of forced vibration, beside the arm's own
-ORDER = 2.0  # of forced vibration, unless the drive file says: four-cylinder firing
+HARMONICS, FUNCTIONS = 8, 12  # of periodic motion: about 0.1 % at moderate amplitudes
 
-_CONTACT, _VIBRATION = ("contact", "slipping"), ("modes", "response")  # properties with a result
+# Properties with a result.
+_CONTACT, _VIBRATION = ("contact", "slipping"), ("modes", "response", "periodic")
 
 
 class DriveAnalyses:
@@ -65,6 +68,18 @@ class DriveAnalyses:
             order * self.driver_speed[None],
             Excitation(crank, dict(shaken.torque)),
             self.drive.pulley_names,
+            damping=Damping(modal=MODAL_DAMPING),
+            throw=False,
+        )
+
+    @functools.cached_property
+    def periodic(self) -> PeriodicResponse:
+        """Periodic motion of finite amplitude by [excitation], at this speed of the driver."""
+        return periodic_response(
+            self.drive,
+            self.point,
+            harmonics=HARMONICS,
+            functions=FUNCTIONS,
             damping=Damping(modal=MODAL_DAMPING),
             throw=False,
         )

@@ -24,7 +24,7 @@ def minimize(
     """The design that minimizes a study's objective within its bounds and constraints.
 
     The search by `study.method` starts from the `warm` designs, from the study's own drive and from
-    quasi-random designs; the augmented Lagrangian takes them as one batch. The best optima are then
+    quasi-random designs, many at once unless `method` takes one by one. The best optima are then
     moved onto the exact conditions of an optimum, which are checked. A study without a solution
     raises nothing: read `.result`, `.constraints` and `.conflicts`. Variables that the study snaps
     then take the values on sale next to their optimum, for each of which the others are optimized

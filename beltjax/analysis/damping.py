@@ -12,20 +12,22 @@ from beltjax.numerics.gyroscopic import modal_damping
 
 
 class Damping(eqx.Module):
-    """Viscous damping: a ratio for all modes, a factor of the stiffness, and the drive's dampers.
+    """Viscous damping: a ratio for all modes, factors of the stiffness, and the drive's dampers.
 
-    `modal` is the damping ratio of every mode of the drive without gyroscopic forces, and
-    `stiffness` [s] the factor of the stiffness matrix. The dampers of tensioners, arm springs,
-    isolators and rings come from the drive and are counted unless `arm` is False. Raises
-    `ValueError` for a `modal` or `stiffness` that is negative or not finite.
+    `modal` is the damping ratio of every mode of the drive without gyroscopic forces, `stiffness`
+    [s] the factor of the stiffness matrix, and `belt` [s] that of the belt's stretch alone: modal
+    damping also joins the two sides of a clutch that is open. The dampers of tensioners, arm
+    springs, isolators and rings come from the drive and are counted unless `arm` is False. Raises
+    `ValueError` for a factor that is negative or not finite.
     """
 
     modal: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)
     stiffness: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)
+    belt: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)
     arm: bool = eqx.field(static=True, default=True)
 
     def __check_init__(self):
-        for name in ("modal", "stiffness"):
+        for name in ("modal", "stiffness", "belt"):
             value = concrete(getattr(self, name))
             if value is not None and not ((value >= 0) & (value < np.inf)).all():
                 raise ValueError(
@@ -38,6 +40,8 @@ def damping_matrix(linearization: Linearization, damping: Damping) -> Float[Arra
     lin = linearization
     matrix = damping.stiffness / lin.scales.time * lin.stiffness
     matrix = matrix + modal_damping(lin.mass, lin.stiffness, damping.modal)
+    d, work = lin.elongations, lin.model.lam * lin.model.gam
+    matrix = matrix + damping.belt / lin.scales.time * (d.T @ (work[:, None] * d))
     if damping.arm:
         rotors, bodies = own_damping(lin)
         none = jnp.zeros((lin.spans * lin.basis.size,) * 2)

@@ -145,7 +145,7 @@ def frequency_response(
     """
     damping = Damping() if damping is None else damping
     frequencies = jnp.atleast_1d(as_real(frequencies))
-    _require_frequencies(frequencies)
+    require_frequencies(frequencies)
     if exact:
         _require_closed_form(linearization, damping)
     excitation = strongly_typed(excitation)
@@ -178,7 +178,8 @@ def _response(
     return frozen_where_failed(answer, answer.result)
 
 
-def _require_frequencies(frequencies: Array) -> None:
+def require_frequencies(frequencies: Array) -> None:
+    """Raise `ValueError` unless there are frequencies, all of them positive."""
     if frequencies.size == 0:
         raise ValueError("frequencies: found none; give at least one [rad/s].")
     numbers = concrete(frequencies)
@@ -187,9 +188,11 @@ def _require_frequencies(frequencies: Array) -> None:
 
 
 def _require_closed_form(lin: Linearization, damping: Damping) -> None:
-    modal, stiffness = concrete(damping.modal), concrete(damping.stiffness)
-    if (modal is not None and modal.any()) or (stiffness is not None and stiffness.any()):
-        raise ValueError("exact: modal and stiffness damping have no closed form; leave them out.")
+    given = concrete(damping.modal), concrete(damping.stiffness), concrete(damping.belt)
+    if any(value is not None and value.any() for value in given):
+        raise ValueError(
+            "exact: modal, stiffness and belt damping have no closed form; leave them out."
+        )
     if lin.mixed or lin.free:
         raise ValueError("exact: leave out free, fixed_steady and fixed_bending.")
 
@@ -202,21 +205,32 @@ def _by_basis(
     damping: Damping,
 ) -> Fields:
     """Coordinates, strains and peaks at one frequency by the linearization's basis."""
-    C = lin.gyroscopic + damping_matrix(lin, damping)
-    factor = 1 + 1j * omega * damping.stiffness / lin.scales.time  # of a damped stiffness
-    pencil = lin.stiffness - omega**2 * lin.mass + 1j * omega * C
-    work = lin.model.lam * lin.model.gam
-    load = -factor * crank * (lin.elongations.T @ (work * lin.driving))
-    n = lin.spans * lin.basis.size
-    on_rotors = _on_rotors(lin, omega, crank, forces, damping, factor)
-    load = load.at[n : n + len(lin.rotors)].add(on_rotors)
-    z = jnp.linalg.solve(pencil, load)
+    z = jnp.linalg.solve(*equations_at(lin, omega, crank, forces, damping))
     strains = lin.elongations @ z + lin.driving * crank
     _, rotations, moved = lin.split(z)
     peaks = jax.vmap(lambda i: _peak(lambda x, order: lin.deflection(z, i, x, order)))(
         jnp.arange(lin.spans)
     )
     return z, rotations, moved, strains, peaks
+
+
+def equations_at(
+    lin: Linearization,
+    omega: Float[Array, ""],
+    crank: Complex[Array, ""],
+    forces: Complex[Array, " pulleys"],
+    damping: Damping,
+) -> tuple[Complex[Array, "size size"], Complex[Array, " size"]]:
+    """Matrix and load of the coordinates' equations at one frequency (V16), dimensionless."""
+    C = lin.gyroscopic + damping_matrix(lin, damping)
+    factor = 1 + 1j * omega * damping.stiffness / lin.scales.time  # of a damped stiffness
+    pencil = lin.stiffness - omega**2 * lin.mass + 1j * omega * C
+    work = lin.model.lam * lin.model.gam
+    of_belt = factor + 1j * omega * damping.belt / lin.scales.time
+    load = -of_belt * crank * (lin.elongations.T @ (work * lin.driving))
+    n = lin.spans * lin.basis.size
+    on_rotors = moments_on_rotors(lin, omega, crank, forces, damping, factor)
+    return pencil, load.at[n : n + len(lin.rotors)].add(on_rotors)
 
 
 def _peak(deflection: Callable[[Array, int], Array]) -> Float[Array, ""]:
@@ -229,16 +243,16 @@ def _peak(deflection: Callable[[Array, int], Array]) -> Float[Array, ""]:
     step = jnp.where(second < 0, -first / jnp.where(second < 0, second, 1.0), 0.0)
     # The slope vanishes at the peak, so that a move of its place changes nothing to first order.
     place = jnp.clip(best + jnp.clip(step, -1 / _POINTS, 1 / _POINTS), 0.0, 1.0)
-    return _modulus(deflection(place, 0))
+    return modulus(deflection(place, 0))
 
 
-def _modulus(w: Complex[Array, "..."]) -> Float[Array, "..."]:
+def modulus(w: Complex[Array, "..."]) -> Float[Array, "..."]:
     """|w|, with derivative 0 at 0."""
     square = w.real**2 + w.imag**2
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
 
 
-def _on_rotors(
+def moments_on_rotors(
     lin: Linearization,
     omega: Float[Array, ""],
     crank: Complex[Array, ""],
@@ -274,14 +288,14 @@ def _exactly(
         own = own + 1j * omega * block_diag(*own_damping(lin))
     whole = jnp.block([[jnp.diag(on_delta) + 0j, coupling], [coupling.conj().T, own]])
     scale = jnp.sqrt(m.lam * m.gam)
-    on_rotors = _on_rotors(lin, omega, crank, forces, damping, 1.0)
+    on_rotors = moments_on_rotors(lin, omega, crank, forces, damping, 1.0)
     load = [-scale * lin.driving * crank, on_rotors, jnp.zeros(lin.bodies)]
     z = jnp.linalg.solve(whole, jnp.concatenate(load))
     delta, turning = z[: lin.spans], z[lin.spans : lin.spans + len(lin.rotors)]
     moved = z[lin.spans + len(lin.rotors) :] * m.movable
     rotations = jnp.zeros(m.turns.shape[1], complex).at[lin.rotors].set(turning)
     fine = jnp.linspace(0.0, 1.0, 8 * _POINTS + 1)
-    peaks = jnp.max(_modulus(spans_in_motion(m, of, delta, moved, fine)), axis=1)
+    peaks = jnp.max(modulus(spans_in_motion(m, of, delta, moved, fine)), axis=1)
     return None, rotations, moved, delta / scale, peaks
 
 
@@ -301,10 +315,10 @@ def _in_newtons(
     # Pulley i is pulled along the span that starts there and against the one that ends there.
     along = lin.steady.reference.layout.directions
     pulls = tensions[..., None] * along
-    hub = _modulus(pulls - jax.vmap(loops.preceding)(pulls))
+    hub = modulus(pulls - jax.vmap(loops.preceding)(pulls))
     driven = jnp.zeros(m.turns.shape[1]).at[lin.driver].set(1.0 - lin.free)
     rotations = rotations + crank * driven
-    swing = _modulus(tensions)
+    swing = modulus(tensions)
     running = lin.steady.running_tensions
     slack = jnp.where(swing > 0, running / jnp.where(swing > 0, swing, 1.0), jnp.inf)
     answer = Response(
@@ -371,7 +385,7 @@ def speed_response(
         >>> bj.speed_response(drive, point, speeds, bj.Excitation(crank=0.01)).span_peaks  # [m]
     """
     driver_speeds = jnp.atleast_1d(as_real(driver_speeds))
-    _require_frequencies(driver_speeds)
+    require_frequencies(driver_speeds)
     basis = Legendre(16) if basis is None else basis
     damping = Damping() if damping is None else damping
     excitation, damping = strongly_typed((excitation, damping))

@@ -72,31 +72,54 @@ def _draw_orders(
             axes.annotate(text, (x[at], order * rotations[at]), fontsize=8, ha="right", va="top")
 
 
+Panels = dict[str, dict[str, np.ndarray]]  # curves by what they measure, and by part
+
+
 def response_figure(
-    title: str, rpm: np.ndarray, panels: dict[str, dict[str, np.ndarray]], slack: np.ndarray
+    title: str,
+    rpm: np.ndarray,
+    panels: Panels,
+    doubtful: np.ndarray,
+    why: str = "a span goes slack",
 ) -> Figure:
     """Amplitudes over the driver's speed: a panel for each kind, a curve for each part.
 
-    Speeds at which a span would go `slack` are hatched: linear amplitudes do not hold there.
+    Speeds that are `doubtful` are hatched; `why` says for what reason.
     """
+    figure, rows = _panels(title, rpm, panels)
+    for axes in rows:
+        # A least tension may lie below zero.
+        axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
+        axes.fill_between(
+            rpm, 0, 1, where=doubtful, step="mid", transform=axes.get_xaxis_transform(),
+            facecolor="none", edgecolor="#b0b0b0", hatch="//", linewidth=0,
+            label=why if doubtful.any() else "_",
+        )  # fmt: skip
+        _legend(axes)
+    rows[-1].set_xlabel("driver speed (rpm)")
+    return figure
+
+
+def period_figure(title: str, turns: np.ndarray, panels: Panels) -> Figure:
+    """A motion over the rotations of the driver: a panel for each kind, a curve for each part."""
+    figure, rows = _panels(title, turns, panels)
+    for axes in rows:
+        _legend(axes)
+    rows[-1].set_xlabel("rotations of the driver")
+    return figure
+
+
+def _panels(title: str, x: np.ndarray, panels: Panels) -> tuple[Figure, np.ndarray]:
     figure = Figure(figsize=(9.0, 2.3 * len(panels) + 0.8), layout="constrained")
     FigureCanvasAgg(figure)
     rows = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for axes, (kind, curves) in zip(rows, panels.items(), strict=True):
         for name, curve in curves.items():
-            axes.plot(rpm, curve, linewidth=1.4, label=name)
+            axes.plot(x, curve, linewidth=1.4, label=name)
         axes.set_ylabel(kind, fontsize=9)
-        axes.set_ylim(bottom=0)
         axes.grid(linewidth=0.3)
-        axes.fill_between(
-            rpm, 0, 1, where=slack, step="mid", transform=axes.get_xaxis_transform(),
-            facecolor="none", edgecolor="#b0b0b0", hatch="//", linewidth=0,
-            label="a span goes slack" if slack.any() else "_",
-        )  # fmt: skip
-        _legend(axes)
     rows[0].set_title(title, fontsize=11, parse_math=False)
-    rows[-1].set_xlabel("driver speed (rpm)")
-    return figure
+    return figure, rows
 
 
 def _picture() -> tuple[Figure, Axes]:

@@ -93,6 +93,8 @@ class Springs(NamedTuple):
     rows: Float[Array, "springs coordinates"]  # elongation of each spring by the coordinates
     stiffness: Float[Array, " springs"]
     damping: Float[Array, " springs"]
+    friction: Coordinates  # dry friction of each body [N m] or [N]
+    friction_speed: Coordinates  # [rad/s] or [m/s]
     # Bodies that springs join to each other but not to the ground: 1 where two move together.
     together: Float[Array, "coordinates coordinates"]
     floating: Coordinates  # 1 where nothing but the belt holds the body
@@ -109,7 +111,7 @@ def springs(drive: Drive) -> Springs:
     count = len(drive.tensioners)
     if not count:
         none, square = jnp.zeros((0,)), jnp.zeros((0, 0))
-        return Springs(square, none, none, square, none, none)
+        return Springs(square, none, none, none, none, square, none, none)
     parts = (*drive.tensioners, *drive.arm_springs)
     fixed = jax.lax.stop_gradient
     between = [fixed(spring.between) for spring in drive.arm_springs]
@@ -137,6 +139,8 @@ def springs(drive: Drive) -> Springs:
         rows=rows,
         stiffness=stiffness,
         damping=jnp.stack([part.damping for part in parts]),
+        friction=jnp.stack([body.friction_torque for body in drive.tensioners]),
+        friction_speed=jnp.stack([body.friction_speed for body in drive.tensioners]),
         together=together * floating[:, None] * floating,
         floating=floating,
         first=floating * (earlier == 0),

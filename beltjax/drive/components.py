@@ -18,6 +18,7 @@ SENSES = {"counterclockwise": 1.0, "clockwise": -1.0}
 TENSIONS_OF = ("belt", "string")
 TRAVELS = {"listed": 1.0, "opposite": -1.0}
 KINDS = {"rotary": 1.0, "linear": 0.0}
+LAWS = {"spring": 0.0, "spring-clutch": 1.0}
 NO_STOPS = (-np.inf, np.inf)
 # Units of a coordinate and of what goes with it, by the kind of tensioner.
 COORDINATE = {"rotary": "rad", "linear": "m"}
@@ -25,6 +26,7 @@ STIFFNESS = {"rotary": "N m/rad", "linear": "N/m"}
 DAMPING = {"rotary": "N m s/rad", "linear": "N s/m"}
 INERTIA = {"rotary": "kg m^2", "linear": "kg"}
 FORCE = {"rotary": "N m", "linear": "N"}
+SPEED = {"rotary": "rad/s", "linear": "m/s"}
 LARGEST_BARE_RADIUS = 5.0  # [m]; above it most bare numbers are millimeters
 
 
@@ -71,6 +73,11 @@ def as_flags(value: Any) -> Array:
     """A sequence of numbers, or one number, as a vector."""
     flags = as_real(value)
     return flags if flags.ndim else flags[None]
+
+
+def as_law(value: Any) -> Array:
+    """1 for a spring-clutch between rim and hub, 0 for a spring."""
+    return as_sign(LAWS, value)
 
 
 def as_kind(value: Any) -> Array:
@@ -294,6 +301,28 @@ class Tensioner(Readable):
             quantity="force of a spring",
         ),
     )
+    friction_torque: Float[Array, ""] = eqx.field(
+        converter=as_real,
+        default=0.0,
+        metadata=number(
+            FORCE,
+            "of dry friction against its motion, for periodic motion; of a linear one a force",
+            at_least=0,
+            rare=True,
+        ),
+    )
+    friction_speed: Float[Array, ""] = eqx.field(
+        converter=as_real,
+        default=0.02,
+        metadata=number(
+            SPEED,
+            "at which that friction turns round, as tanh(speed/friction_speed): a fiftieth of the "
+            "largest speed for 1 %; 0.02 unless given",
+            above=0,
+            rare=True,
+            beside="friction_torque",
+        ),
+    )
     locked: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # 1: bolted
     on: Float[Array, " coordinates"] = eqx.field(converter=as_flags, default=())
     name: str = eqx.field(static=True, default="tensioner")
@@ -331,8 +360,12 @@ class Isolator(Readable):
     """A torsion spring between the rim of a pulley, on which the belt runs, and its hub.
 
     Torque and `Pulley.inertia` belong to the hub. `pulleys` is 1 at the places of the pulleys whose
-    rim it carries; several share one rim.
+    rim it carries; several share one rim. A "spring-clutch" lets the hub overrun the rim: it pulls
+    only while it is wound up, and remembers the angle of overrun (Zhu and Parker, 2005). Small
+    motion leaves it wound up, so that it is a spring but for `periodic_response`.
     """
+
+    words: ClassVar = {"law": LAWS}
 
     pulleys: Float[Array, " pulleys"] = eqx.field(converter=as_flags)
     stiffness: Float[Array, ""] = eqx.field(
@@ -349,6 +382,7 @@ class Isolator(Readable):
         default=0.0,
         metadata=number("N m s/rad", "for the forced response", at_least=0),
     )
+    law: Float[Array, ""] = eqx.field(converter=as_law, default="spring")  # 1: a spring-clutch
     name: str = eqx.field(static=True, default="")  # that of its first pulley unless given
 
 

@@ -385,6 +385,7 @@ def _single_content(drive: Drive) -> dict[str, Any] | None:
     if len(carried) != 1 or not float(body.stiffness) > 0:
         return None
     content = _numbers_content(body, ("pivot", "stiffness", "inertia", "damping", "stops"))
+    content |= _numbers_content(body, _FRICTION)
     if "stops" in content:
         center = np.asarray(drive.pulleys[drive.pulley(carried[0])].center)
         drawn, stops = arm_direction([center], body.pivot), content["stops"]
@@ -394,12 +395,23 @@ def _single_content(drive: Drive) -> dict[str, Any] | None:
     return {"pulley": carried[0]} | content
 
 
+_FRICTION = "friction_torque", "friction_speed"
+# Of numbers that a file need not give.
+_SILENT = {
+    "damping": 0.0,
+    "force": 0.0,
+    "stops": list(NO_STOPS),
+    "friction_torque": 0.0,
+    "friction_speed": 0.02,
+}
+
+
 def _numbers_content(body: Tensioner, fields: Iterable[str]) -> dict[str, Any]:
     """Numbers of a tensioner, without those that a file need not give."""
     content = {}
     for field in fields:
         value = getattr(body, field)
-        silent = {"damping": 0.0, "force": 0.0, "stops": list(NO_STOPS)}.get(field)
+        silent = _SILENT.get(field)
         if value is not None and _listed(value) != silent:
             content[field] = _listed(value)
     return content
@@ -424,7 +436,7 @@ def _body_content(drive: Drive, place: int, body: Tensioner) -> dict[str, Any]:
         content |= _numbers_content(body, _OF_MOVING_PIVOT)
     if not (heavy or "on" in content) or (body.inertia is not None and float(body.inertia)):
         content |= _numbers_content(body, ("inertia",))
-    content |= _numbers_content(body, ("damping", "stops", "force"))
+    content |= _numbers_content(body, ("damping", "stops", "force", *_FRICTION))
     return content | ({"locked": True} if float(body.locked) else {})
 
 
@@ -447,7 +459,8 @@ def _twins(drive: Drive) -> list[int]:
         alike = np.array_equal(one.pivot, two.pivot) and (one.inertia is None) == (
             two.inertia is None
         )
-        plain = _is_plain_arm(one) and _is_plain_arm(two) and alike
+        smooth = not (float(one.friction_torque) or float(two.friction_torque))
+        plain = _is_plain_arm(one) and _is_plain_arm(two) and alike and smooth
         single = all(len(_carried_by(drive, k)) == 1 for k in (place, place + 1))
         if spring.name == name and _listed(spring.between) == ends and plain and single:
             found.append(place)

@@ -7,10 +7,16 @@ import numpy as np
 
 from beltjax.drive.components import TRAVELS, as_optional
 from beltjax.drive.file_pulleys import Wheels, numbers_content, word
-from beltjax.drive.file_tables import DriveTable, DutyTable, LoadTable, OperationTable
+from beltjax.drive.file_tables import (
+    DriveTable,
+    DutyTable,
+    ExcitationTable,
+    LoadTable,
+    OperationTable,
+)
 from beltjax.drive.loads import Load, load_fault
 from beltjax.drive.numbers import SPEEDS
-from beltjax.drive.operation import ExcitationGiven, OperatingPoint
+from beltjax.drive.operation import ExcitationGiven, OperatingPoint, OrderGiven
 from beltjax.files.errors import FileError
 from beltjax.files.fields import numbers
 
@@ -31,7 +37,7 @@ def read_operation(file: DriveTable, wheels: Wheels, path: object) -> Runs:
     if file.operation is None and not file.duty:
         raise FileError(path, OPERATION, "is missing; add it")
     common = file.operation or OperationTable.model_validate({})
-    shaken = file.excitation and ExcitationGiven(**file.excitation.model_dump())
+    shaken = file.excitation and _excitation(file.excitation)
     _require_takers(common, OPERATION, wheels, path)
     _require_excited(file, wheels, path)
     duties: dict[str, OperatingPoint] = {}
@@ -94,6 +100,23 @@ def _point(
     )
 
 
+def _excitation(table: ExcitationTable) -> ExcitationGiven:
+    return ExcitationGiven(
+        crank=table.number("crank"),
+        order=table.number("order"),
+        torque=table.torque,
+        orders=tuple(
+            OrderGiven(
+                order=one.number("order"),
+                crank=one.number("crank") or 0.0,
+                phase=one.number("phase") or 0.0,
+                torque=one.torque,
+            )
+            for one in table.orders
+        ),
+    )
+
+
 def _load(table: LoadTable) -> Load:
     return Load(**{field: table.number(field) for field in numbers(Load)})
 
@@ -125,11 +148,23 @@ def _require_taker(name: str, key: str, takes: bool, wheels: Wheels, path: objec
 
 
 def _require_excited(file: DriveTable, wheels: Wheels, path: object) -> None:
-    for name in file.excitation.torque if file.excitation else ():
-        key = f"excitation.torque.{name}"
-        wheels.require_known(name, key, path)
-        if name in wheels.shaft(wheels.driver):
-            raise FileError(path, key, "the driver's motion is given; use excitation.crank")
+    if file.excitation is None:
+        return
+    single = [key for key in ("crank", "order") if file.excitation.number(key) is not None]
+    single += ["torque"] if file.excitation.torque else []
+    if file.excitation.orders and single:
+        message = "stands beside orders; remove it, or make it one of them"
+        raise FileError(path, f"excitation.{single[0]}", message)
+    tables = {"excitation": file.excitation.torque}
+    tables |= {
+        f"excitation.orders.{k}": one.torque for k, one in enumerate(file.excitation.orders, 1)
+    }
+    for table, torque in tables.items():
+        for name in torque:
+            key = f"{table}.torque.{name}"
+            wheels.require_known(name, key, path)
+            if name in wheels.shaft(wheels.driver):
+                raise FileError(path, key, "the driver's motion is given; use crank")
 
 
 def operation_content(point: OperatingPoint) -> dict[str, Any]:
@@ -162,7 +197,11 @@ def _stated(duty: OperatingPoint, point: OperatingPoint) -> dict[str, Any]:
 def excitation_content(point: OperatingPoint) -> dict[str, Any] | None:
     """The table [excitation] of an operating point."""
     shaken = point.excitation
-    return shaken and numbers_content(shaken) | {"torque": _by_name(shaken.torque)}
+    if shaken is None:
+        return None
+    content = numbers_content(shaken) | {"torque": _by_name(shaken.torque)}
+    orders = [numbers_content(one) | {"torque": _by_name(one.torque)} for one in shaken.orders]
+    return content | {"orders": orders} if orders else content
 
 
 def _by_name(numbers: dict[str, Any]) -> dict[str, float]:

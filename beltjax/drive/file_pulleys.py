@@ -7,6 +7,7 @@ import numpy as np
 
 from beltjax.drive.components import (
     LARGEST_BARE_RADIUS,
+    LAWS,
     SENSES,
     SIDES,
     Belt,
@@ -246,7 +247,7 @@ def isolators_of(file: DriveTable, wheels: Wheels, path: object) -> list[Isolato
                 message = f"{names[0]!r} and {name!r} are on two shafts; one rim is on one shaft"
                 raise FileError(path, f"{key}.pulleys", message)
         for word, unfit, remedy in (
-            ("law", table.law != "spring", 'law = "spring"'),
+            ("law", table.law not in LAWS, " or ".join(f'law = "{word}"' for word in LAWS)),
             ("one_way", table.one_way, "one_way = false"),
             ("stops", table.stops is not None, "none"),
         ):
@@ -255,9 +256,13 @@ def isolators_of(file: DriveTable, wheels: Wheels, path: object) -> list[Isolato
                     f"found {shown(getattr(table, word))}, which is not modeled yet; give {remedy}"
                 )
                 raise FileError(path, f"{key}.{word}", message)
+        if LAWS[table.law] and wheels.driver in wheels.shaft(names[0]):
+            message = "is on the driver's shaft, which turns the rim; a clutch lets a hub overrun"
+            raise FileError(path, f"{key}.law", message)
         flags = [float(name in names) for name in wheels.names]
         name = _own_name(table.name, names[0], [part.name for part in made], key, path)
-        made.append(Isolator(flags, name=name, **given_numbers(table, Isolator)))
+        numbers = given_numbers(table, Isolator)
+        made.append(Isolator(flags, name=name, law=table.law, **numbers))
     return made
 
 
@@ -297,7 +302,8 @@ def pulleys_content(drive: Drive) -> dict[str, Any]:
     for part in drive.isolators:
         on = [name for name, flag in zip(names, part.pulleys.tolist(), strict=True) if flag]
         where = {"pulley": on[0]} if len(on) == 1 else {"pulleys": on}
-        isolators.append(_name_content(part.name, on[0]) | where | numbers_content(part))
+        law = {"law": word(LAWS, part.law)} if float(part.law) else {}
+        isolators.append(_name_content(part.name, on[0]) | where | law | numbers_content(part))
     for part in drive.dampers:
         at = {"at": "rim"} if float(part.on_rim) else {}
         pulley = names[int(np.argmax(part.pulley))]

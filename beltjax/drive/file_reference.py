@@ -17,6 +17,7 @@ from beltjax.drive.file_tables import (
     LoadTable,
     ModelTable,
     OperationTable,
+    OrderTable,
     PulleyTable,
     RotaryTable,
     RuleTable,
@@ -39,6 +40,7 @@ _TABLES: dict[str, tuple[type[Table], ...]] = {
     "operation": (OperationTable,),
     "load": (LoadTable,),
     "excitation": (ExcitationTable,),
+    "orders": (OrderTable,),
 }
 _KINDS = {RotaryTable: "rotary", LinearTable: "linear", TwinArmTable: "twin-arm"}
 

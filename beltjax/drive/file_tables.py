@@ -12,7 +12,7 @@ from pydantic_core import PydanticCustomError
 from beltjax.drive.components import ArmSpring, Belt, Damper, Isolator, Pulley, Tensioner
 from beltjax.drive.installation import BeltGiven, TensionGiven
 from beltjax.drive.loads import Load
-from beltjax.drive.operation import ExcitationGiven, OperatingPoint
+from beltjax.drive.operation import ExcitationGiven, OperatingPoint, OrderGiven
 from beltjax.drive.system import Drive
 from beltjax.files.tables import (
     Table,
@@ -91,7 +91,15 @@ class PulleyTable(Table):
 @numbers_of(
     Tensioner,
     "rotary",
-    only=("pivot", "stiffness", "inertia", "damping", "stops"),
+    only=(
+        "pivot",
+        "stiffness",
+        "inertia",
+        "damping",
+        "stops",
+        "friction_torque",
+        "friction_speed",
+    ),
     required=("pivot", "stiffness"),
     docs={
         "pivot": "`[x, y]`; with the pulley's center it gives the arm",
@@ -246,7 +254,13 @@ class IsolatorTable(Table):
         Annotated[list[str], Field(min_length=1)] | None,
         meaning("the names of several of one shaft that share a rim"),
     ] = None
-    law: Annotated[str, meaning('`"spring"` (default)')] = "spring"
+    law: Annotated[
+        str,
+        meaning(
+            '`"spring"` (default), or `"spring-clutch"`, which lets the hub overrun the rim '
+            "(in `beltjax periodic`)"
+        ),
+    ] = "spring"
     one_way: Annotated[bool, meaning("`false`")] = False
     stops: Annotated[Any, meaning("not modeled yet")] = None
 
@@ -348,6 +362,17 @@ class DutyTable(OperationTable):
     name: Annotated[str, meaning("of its own")]
 
 
+@numbers_of(OrderGiven, without=("torque",))
+class OrderTable(Table):
+    """One of the orders of [excitation]."""
+
+    torque: Annotated[
+        dict[str, Annotated[float, valid(OrderGiven, "torque")]],
+        Field(default_factory=dict),
+        meaning_of(OrderGiven, "torque"),
+    ]
+
+
 @numbers_of(ExcitationGiven, without=("torque",))
 class ExcitationTable(Table):
     """[excitation]."""
@@ -356,6 +381,11 @@ class ExcitationTable(Table):
         dict[str, Annotated[float, valid(ExcitationGiven, "torque")]],
         Field(default_factory=dict),
         meaning_of(ExcitationGiven, "torque"),
+    ]
+    orders: Annotated[
+        list[OrderTable],
+        Field(default_factory=list),
+        meaning("tables of several orders, for `beltjax periodic`, in place of the others"),
     ]
 
 

@@ -47,6 +47,8 @@ class Groups(eqx.Module):
     stop_forces: Float[Array, " coordinates"]  # of the stops at rest
     arm_damping: Float[Array, "coordinates coordinates"]
     arm_inertia: Float[Array, "coordinates coordinates"] | None  # None where one is missing
+    frictions: Float[Array, " coordinates"]  # dry, of the bodies
+    friction_speeds: Float[Array, " coordinates"]  # at which they turn round
     turning: Float[Array, "pulleys rotors"]  # which rotor a pulley's rim turns with
     held_rotor: Float[Array, " rotors"]  # 1 for the hub of the driver
     hubs: Float[Array, "pulleys rotors"]  # which rotor a pulley's torque acts on
@@ -154,6 +156,8 @@ def groups_and_scales(
         * units
         / (energy * time),
         arm_inertia=None if inertia is None else inertia * units[:, None] * units / inertia_unit,
+        frictions=of_springs.friction * units / energy,
+        friction_speeds=of_springs.friction_speed * time / units,
         turning=turning.rims,
         held_rotor=turning.driver,
         hubs=turning.hubs,

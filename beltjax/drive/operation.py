@@ -13,10 +13,35 @@ from beltjax.drive.system import Drive
 from beltjax.files.fields import number
 
 
-class ExcitationGiven(Readable):
-    """Excitation that the drive file gives, which is the default of `beltjax response`.
+class OrderGiven(Readable):
+    """One of several orders of an excitation, amplitude cos(order psi + phase)."""
 
-    Amplitudes are zero to peak, at `order` times the driver's speed.
+    # Its ratio to the other orders decides which harmonics are excited: it is not differentiated.
+    order: float = eqx.field(
+        static=True,
+        converter=float,
+        metadata=number("", "per rotation of the driver, a whole number or a half", above=0),
+    )
+    crank: Float[Array, ""] = eqx.field(
+        converter=as_real,
+        default=0.0,
+        metadata=number("rad", "of the driver's rotation", at_least=0),
+    )
+    phase: Float[Array, ""] = eqx.field(
+        converter=as_real, default=0.0, metadata=number("rad", "of crank and torques")
+    )
+    torque: dict[str, Float[Array, ""]] = eqx.field(
+        converter=lambda torque: {name: as_real(value) for name, value in torque.items()},
+        default_factory=dict,
+        metadata=number("N m", "by pulley's name, in the direction of belt travel", at_least=0),
+    )
+
+
+class ExcitationGiven(Readable):
+    """Excitation that the drive file gives: the default of `beltjax response` and `periodic`.
+
+    Amplitudes are zero to peak, at `order` times the driver's speed. In place of them, for
+    `periodic` alone, there may be several `orders`.
     """
 
     crank: Float[Array, ""] | None = eqx.field(
@@ -34,6 +59,7 @@ class ExcitationGiven(Readable):
         default_factory=dict,
         metadata=number("N m", "by pulley's name, in the direction of belt travel", at_least=0),
     )
+    orders: tuple[OrderGiven, ...] = eqx.field(converter=tuple, default=())
 
 
 class OperatingPoint(Readable):

@@ -116,6 +116,7 @@ class Rotors(NamedTuple):
     inertias: Float[Array, " rotors"] | None  # [kg m^2]; None where one is missing
     stiffness: Float[Array, "rotors rotors"]  # [N m/rad]
     damping: Float[Array, "rotors rotors"]  # [N m s/rad]
+    wind_ups: Float[Array, "isolators rotors"]  # of each isolator: 1 at its rim, -1 at its hub
 
 
 def rotors(drive: Drive) -> Rotors:
@@ -126,6 +127,7 @@ def rotors(drive: Drive) -> Rotors:
     size = len(shafts) + len(isolated) + len(rings)
     hubs = jnp.pad(jnp.asarray(on_shaft.T), ((0, 0), (0, size - len(shafts))))
     fixed = jax.lax.stop_gradient
+    wind_ups: list[Array] = []
     rims, springs, dampings = hubs, jnp.zeros((size, size)), jnp.zeros((size, size))
 
     def joined(
@@ -139,6 +141,7 @@ def rotors(drive: Drive) -> Rotors:
         flags, rim = fixed(isolator.pulleys), jnp.zeros(size).at[len(shafts) + k].set(1.0)
         hub = flags @ hubs / jnp.sum(flags)
         rims = (1 - flags)[:, None] * rims + flags[:, None] * rim
+        wind_ups.append(rim - hub)
         stiffness, damping = joined(rim, hub, isolator)
         springs, dampings = springs + stiffness, dampings + damping
     for k, damper in enumerate(rings):
@@ -154,6 +157,7 @@ def rotors(drive: Drive) -> Rotors:
         inertias=_inertias(drive),
         stiffness=springs,
         damping=dampings,
+        wind_ups=jnp.stack(wind_ups) if wind_ups else jnp.zeros((0, size)),
     )
 
 

@@ -102,12 +102,13 @@ def energy(
         return jnp.sum(weights * f, axis=-1)
 
     strain = m.turns @ moved.theta + m.pull @ moved.q
-    strain = strain + over_span(slopes * moved.w_x + moved.w_x**2 / 2)
+    curved = jnp.einsum("a,iab,b->i", moved.q, m.H, moved.q) / m.lam
+    second = (over_span(moved.w_x**2) + curved) / 2
+    strain = strain + over_span(slopes * moved.w_x) + second
     # gamma e* + P - m c^2 = Q: the tension that works on what is of second order in the strain.
-    stretch = m.gam * strain**2 / 2 + m.Q * over_span(moved.w_x**2) / 2
+    stretch = m.gam * strain**2 / 2 + m.Q * second
     bend = (m.eps / m.lam) ** 2 * over_span(moved.w_xx**2) / 2
-    curved = jnp.sum(m.Q[:, None, None] * m.H, axis=0)
-    springs = moved.q @ (m.K + curved) @ moved.q + moved.theta @ m.K_r @ moved.theta
+    springs = moved.q @ m.K @ moved.q + moved.theta @ m.K_r @ moved.theta
     potential = jnp.sum(m.lam * (stretch + bend)) + springs / 2
     coriolis = jnp.sum(m.tau * m.s * m.mu * m.lam**2 * over_span(rate.w * moved.w_x))
     kinetic = jnp.sum(m.mu * m.lam**3 * over_span(rate.w**2))

@@ -1,4 +1,4 @@
-"""The default optimizer: an augmented Lagrangian over all starts as one batch."""
+"""An augmented Lagrangian over all starts of a study as one batch."""
 
 import functools
 from collections.abc import Callable
@@ -13,14 +13,14 @@ from beltjax.compiling.quick import quickly_compiled, thoroughly_compiled
 from ..problem import ProblemScales, Starts, evaluation
 from ..study import Study
 from .augmented_lagrangian import Iterate, first_iterate, outer_step, to_unit
-from .registry import DEFAULT, AbstractOptimizer, optimizer
+from .registry import AbstractOptimizer, optimizer
 from .results import Advance, History, SearchResult, SearchTools, StartOutcome, is_before
 
 OUTER_STEPS = 30
 FEW = 256  # starts up to which compiling quickly beats running quickly
 
 
-@optimizer(DEFAULT)
+@optimizer("augmented-lagrangian")
 class AugmentedLagrangian(AbstractOptimizer):
     """An augmented Lagrangian over all starts as one batch.
 

@@ -23,11 +23,11 @@ Rows = Float[Array, " m"]
 
 _CENTER = (1e-6, 0.5)  # of the mean complementarity, least and greatest: where a step aims
 _SHORT = 0.995  # of the way to the nearest bound
-_NEAR = 1e-12  # mean complementarity, relative to the first one, at which the search ends
+_NEAR = 1e-14  # mean complementarity, relative to the first one, at which the search ends
 _REFINEMENTS = 3  # of the solution, once it is known what holds it
 _STIFF = 1e4  # weight of the rows that hold, beside the curvature of the objective
 _STEPS = 30
-_ROUNDS = 4  # of rows chosen
+_ROUNDS = 6  # of rows chosen
 _ROUNDING = 1e-12
 
 
@@ -76,7 +76,8 @@ class _Working(NamedTuple):
 
     solution: QuadraticSolution
     order: Rows  # the greater, the sooner a row is chosen
-    missed: Bool[Array, ""]  # whether a row that was not chosen is not met
+    unmet: Bool[Array, " m"]  # which rows count as not met where they are left out
+    changed: Bool[Array, ""]  # whether a row that was left out has changed sign
     rounds: Int[Array, ""]
 
 
@@ -91,38 +92,50 @@ class _State(NamedTuple):
 def solve_quadratic_program(of: QuadraticProgram) -> QuadraticSolution:
     """The minimum of a program whose bounds leave room on both sides.
 
-    Of many rows only a few can hold at a minimum. The program is solved with those that come first
-    on the way through the box, and again with others while it leaves one of them unmet.
+    Of many rows only a few change sign close to a minimum. The others are met, and count nothing,
+    or are not, and count as linear terms. So the program is solved with those few alone, and again
+    with others until none of those left out has changed sign; if that does not end, with all.
     """
     n, m = len(of.g), len(of.c)
     count = n + 4
     if m <= 2 * count:
         return _solved_with_all(of)
-    least, most = _extremes(of)
-    # What no point of the box meets costs its price times its value, whatever the step.
-    paid = least >= 0
-    base = of._replace(g=of.g + of.price * (paid @ of.J))
-    counted = ~paid & (most > 0)
     sizes = jnp.sum(jnp.abs(of.J), axis=1)
     sizes = jnp.where(sizes > 0, sizes, 1.0)
+    least, most = _extremes(of)
 
     def unfinished(state: _Working) -> Bool[Array, ""]:
-        return state.missed & (state.rounds < _ROUNDS)
+        return state.changed & (state.rounds < _ROUNDS)
 
     def again(state: _Working) -> _Working:
-        chosen, place = _first_rows(jnp.where(counted, state.order, -jnp.inf), count)
-        rows = jnp.where(counted, of.c, -1.0)[place], of.J[place] * counted[place][:, None]
-        found = _solved_with_all(base._replace(c=rows[0], J=rows[1]))
-        values = of.c + of.J @ found.d
-        missed = jnp.any(counted & ~chosen & (values > _ROUNDING))
+        place = jax.lax.top_k(state.order.astype(jnp.float32), count)[1]
         spread = place == jnp.arange(m)[:, None]
-        multipliers = jnp.where(paid, of.price, spread @ (found.multipliers * counted[place]))
+        left_out = ~jnp.any(spread, axis=1)
+        paid = left_out & state.unmet
+        few = of._replace(g=of.g + of.price * (paid @ of.J), J=of.J[place], c=of.c[place])
+        found = _solved_with_all(few)
+        multipliers = jnp.where(paid, of.price, spread @ found.multipliers)
+        values = of.c + of.J @ found.d
+        changed = jnp.where(state.unmet, values < -_ROUNDING, values > _ROUNDING)
+        # The closer to a change of sign, the sooner a row is chosen, unless none is possible.
+        order = jnp.where((least < 0) & (most > 0), -jnp.abs(values) / sizes, -jnp.inf)
         fresh = QuadraticSolution(found.d, multipliers)
-        return _Working(fresh, values / sizes, missed, state.rounds + 1)
+        unmet = values > 0
+        return _Working(fresh, order, unmet, jnp.any(left_out & changed), state.rounds + 1)
 
     begin = QuadraticSolution(jnp.zeros_like(of.g), jnp.zeros_like(of.c))
-    start = _Working(begin, of.c / sizes, jnp.array(True), jnp.array(0))
-    return jax.lax.while_loop(unfinished, again, in_lanes_of(of.g, start)).solution
+    # What is not met here is most likely to be met after the step.
+    order = jnp.where((least < 0) & (most > 0), of.c / sizes, -jnp.inf)
+    start = _Working(begin, order, of.c > 0, jnp.array(True), jnp.array(0))
+    found = jax.lax.while_loop(unfinished, again, in_lanes_of(of.g, start))
+
+    def wholly(state: _Working) -> _Working:
+        # The price depends on the state, or XLA would solve the program before the loop is entered.
+        priced = of._replace(price=jnp.where(state.changed, of.price, 1.0))
+        return state._replace(solution=_solved_with_all(priced), changed=jnp.array(False))
+
+    # A loop rather than a condition: in a batch it is passed over unless a lane needs it.
+    return jax.lax.while_loop(lambda state: state.changed, wholly, found).solution
 
 
 def _extremes(of: QuadraticProgram) -> tuple[Rows, Rows]:
@@ -130,12 +143,6 @@ def _extremes(of: QuadraticProgram) -> tuple[Rows, Rows]:
     low, high = of.J * of.least, of.J * of.greatest
     least, most = jnp.minimum(low, high), jnp.maximum(low, high)
     return of.c + jnp.sum(least, axis=1), of.c + jnp.sum(most, axis=1)
-
-
-def _first_rows(order: Rows, count: int) -> tuple[Bool[Array, " m"], Int[Array, " count"]]:
-    """Which rows are the first `count` by `order`, greatest first, and their places."""
-    place = jax.lax.top_k(order.astype(jnp.float32), count)[1]
-    return jnp.any(place == jnp.arange(len(order))[:, None], axis=1), place
 
 
 def _solved_with_all(of: QuadraticProgram) -> QuadraticSolution:
@@ -259,38 +266,29 @@ def _step(
         )
 
     look = move(_Products(*(jnp.zeros_like(x) for x in (at.z, at.s, below, above))))
-    there = _moved(at, look, *_lengths(at, look, of, 1.0))
+    there = _moved(at, look, _length(at, look, of, 1.0))
     aim = jnp.clip((_complementarity(there, of) / left) ** 3, *_CENTER) * left
     bent = _Products(
         look.z * look.of_z, look.s * look.of_s, look.d * look.of_least, -look.d * look.of_greatest
     )
     step = move(jax.tree.map(lambda product: aim - product, bent))
-    return _moved(at, step, *_lengths(at, step, of, _SHORT))
+    return _moved(at, step, _length(at, step, of, _SHORT))
 
 
-def _moved(
-    at: _InteriorPoint, move: _InteriorPoint, primal: Float[Array, ""], dual: Float[Array, ""]
-) -> _InteriorPoint:
-    lengths = _InteriorPoint(primal, primal, primal, *(dual,) * 4)
-    return jax.tree.map(lambda x, dx, length: x + length * dx, at, move, lengths)
+def _moved(at: _InteriorPoint, move: _InteriorPoint, length: Float[Array, ""]) -> _InteriorPoint:
+    return jax.tree.map(lambda x, dx: x + length * dx, at, move)
 
 
-def _lengths(
+def _length(
     at: _InteriorPoint, move: _InteriorPoint, of: QuadraticProgram, part: float
-) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """How far numbers and multipliers may go: 1, or that part of the way to the nearest bound."""
+) -> Float[Array, ""]:
+    """How far numbers and multipliers may go: 1, or that part of the way to the nearest bound.
+
+    The same for both: a quadratic program couples them, and of different lengths steps may cycle.
+    """
     below, above = at.d - of.least, of.greatest - at.d
-    primal = _length((below, above, at.s, at.z), (move.d, -move.d, move.s, move.z), part)
-    dual = _length(
-        (at.of_z, at.of_s, at.of_least, at.of_greatest),
-        (move.of_z, move.of_s, move.of_least, move.of_greatest),
-        part,
-    )
-    return primal, dual
-
-
-def _length(values: tuple[Array, ...], moves: tuple[Array, ...], part: float) -> Float[Array, ""]:
-    x, dx = jnp.concatenate(values), jnp.concatenate(moves)
+    x = jnp.concatenate((below, above, *at[1:]))
+    dx = jnp.concatenate((move.d, -move.d, *move[1:]))
     reach = jnp.where(dx < 0, -x / jnp.where(dx < 0, dx, -1.0), jnp.inf)
     return jnp.minimum(1.0, part * jnp.min(reach))
 

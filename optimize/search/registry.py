@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from ..study import Study
     from .results import SearchResult, SearchTools
 
-DEFAULT = "augmented-lagrangian"
+DEFAULT = "sqp"
 
 
 class AbstractOptimizer(abc.ABC):

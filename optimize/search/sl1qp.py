@@ -26,7 +26,8 @@ Scalar = Float[Array, ""]
 Flag = Bool[Array, ""]
 
 _GROWTH = 4.0  # of the price of violation, where a program leaves some at that price
-_LEAST_PRICE, _LARGEST_PRICE = 1e-6, 1e10
+_LEAST_PRICE = 1e-6
+LARGEST_PRICE = 1e10  # where that leaves some, no small change helps
 RESTARTS = 3  # times a search that does not get on begins anew from where it is
 _LEAST_GAIN = 1e-4  # part of the predicted gain with which a step is taken
 _POOR, _GOOD = 0.25, 0.75  # parts of it below and above which the radius changes
@@ -166,11 +167,11 @@ def next_iterate(by: Method, s: SequentialIterate) -> SequentialIterate:
         shift=jnp.where(is_.correct, new.c - at.c - at.J @ step.d, 0.0),
         gain=jnp.where(is_.correct, step.gain, 0.0),
         radius=jnp.where(begun, by.radius, radius),
-        price=jnp.where(begun, jnp.minimum(10.0 * price, _LARGEST_PRICE), price),
+        price=jnp.where(begun, jnp.minimum(10.0 * price, LARGEST_PRICE), price),
         multipliers=step.multipliers,
-        stationarity=stationarity,
+        stationarity=jnp.where(first, jnp.inf, stationarity),
         violation=_violation(there.c),
-        complementarity=complementarity,
+        complementarity=jnp.where(first, jnp.inf, complementarity),
         steps=s.steps + 1,
         anew=s.anew + begun,
         done=done,
@@ -250,9 +251,9 @@ def _next_price(
     largest = jnp.max(step.multipliers, initial=0.0)
     # What a program leaves unmet at this price costs more from now on, unless the radius held it.
     held = (length > 0.9 * s.radius) & (step.left < jnp.sum(jnp.maximum(s.at.c, 0.0)))
-    missed = (step.left > by.tol) & (s.violation > by.tol) & (s.price < _LARGEST_PRICE)
+    missed = (step.left > by.tol) & (s.violation > by.tol) & (s.price < LARGEST_PRICE)
     short = missed & (largest > 0.9 * s.price) & ~held
-    higher = jnp.minimum(_GROWTH * s.price, _LARGEST_PRICE)
+    higher = jnp.minimum(_GROWTH * s.price, LARGEST_PRICE)
     # A price far above the multipliers makes a search creep along curved constraints.
     enough = jnp.maximum(jnp.maximum(2.0 * largest, _LEAST_PRICE), s.price / _GROWTH)
     easy = is_.taken & (step.left <= by.tol) & (s.anew == 0)

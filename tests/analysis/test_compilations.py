@@ -39,6 +39,15 @@ def shaken(drive, point):
     bj.peak_response(lin, arm, 10.0 + speed_of(point), 90.0, excitation, names, points=8)
 
 
+def swung(drive, point):
+    """A periodic motion, of which another drive, speed, amplitude or order compiles nothing."""
+    excitation = bj.Excitation(1e-4 * speed_of(point), {drive.pulley_names[-1]: 0.1})
+    bj.periodic_response(
+        drive, point, bj.Orders({speed_of(point): excitation}), harmonics=2, functions=2,
+        damping=bj.Damping(modal=0.001 * speed_of(point)), throw=False,
+    )  # fmt: skip
+
+
 def speed_of(point):
     return float(point.belt_speed)
 
@@ -86,6 +95,13 @@ def test_another_weight():
 def test_vibration():
     drive, point = example("three_pulley")
     assert changes_of(shaken, drive, point) == dict.fromkeys(TYPES, 0)
+
+
+def test_periodic_motion():
+    drive, point = example("three_pulley")
+    assert changes_of(lambda d, p: jnp.asarray(swung(d, p) or 0.0), drive, point) == dict.fromkeys(
+        TYPES, 0
+    )
 
 
 def test_moving_beam():

@@ -153,7 +153,7 @@ def test_what_cannot_be_asked():
         bj.frequency_response(lin, jnp.array([0.0, 1.0]), crank)
     with pytest.raises(ValueError, match="there is no pulley 'pump'"):
         bj.frequency_response(lin, 3.0, bj.Excitation(torques={"pump": 1.0}), NAMES)
-    with pytest.raises(ValueError, match="exact: modal and stiffness damping"):
+    with pytest.raises(ValueError, match="exact: modal, stiffness and belt damping"):
         bj.frequency_response(lin, 3.0, crank, damping=DAMPING, exact=True)
     with pytest.raises(ValueError, match="stiffness must not be negative"):
         bj.Damping(stiffness=-1.0)

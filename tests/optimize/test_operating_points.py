@@ -7,6 +7,7 @@ import pytest
 from drives import EXAMPLES
 
 import beltjax as bj
+from beltjax.compiling.quick import quickly_compiled
 
 problem = bj.optimize.problem
 
@@ -30,9 +31,10 @@ torque = { accessory = 4 }
 """
 
 
-def load(tmp_path, text):
-    """The study of that text, beside the three-pulley drive."""
-    (tmp_path / "three_pulley.toml").write_text((EXAMPLES / "three_pulley.toml").read_text())
+def load(tmp_path, text, more=""):
+    """The study of that text, beside the three-pulley drive, to whose file `more` is added."""
+    drive = (EXAMPLES / "three_pulley.toml").read_text() + more
+    (tmp_path / "three_pulley.toml").write_text(drive)
     path = tmp_path / "study.toml"
     path.write_text(text)
     return bj.optimize.load_study(path)
@@ -81,6 +83,39 @@ def test_soft_maximum_is_close_from_above_and_smooth():
 def test_forced_vibration_needs_an_excitation(tmp_path):
     with pytest.raises(bj.FileError, match=r"needs \[excitation\]"):
         load(tmp_path, HEAD + limit("span_amplitude:crankshaft-tensioner", "upper = 1e-3"))
+
+
+SHAKEN = """
+[excitation]
+orders = [{ order = 2, crank = "0.1 deg" }, { order = 4, crank = "0.02 deg" }]
+"""
+
+
+@pytest.mark.slow
+def test_periodic_motion_is_measured_and_has_slopes(tmp_path):
+    span = "accessory-crankshaft"
+    names = ["arm_travel", f"tension_min:{span}", f"tension_max:{span}", "rotation:accessory"]
+    names += [f"span_deflection:{span}", "hub_load_max:tensioner", "friction_use:accessory"]
+    study = load(tmp_path, HEAD + "".join(map(limit, names)), SHAKEN)
+    assert np.ndim(study.point.excitation.orders[0].crank) == 0
+
+    def all_of(drive):
+        return jnp.concatenate([jnp.ravel(x) for x in problem.measured(study, drive).greatest])
+
+    both = quickly_compiled(lambda d: (all_of(d), jax.jacrev(all_of)(d)))
+    values, slopes = both(study.drive)
+    found = bj.periodic_response(
+        study.drive, study.point, damping=bj.Damping(modal=0.02), functions=12, harmonics=8
+    )
+    m = found.measures
+    expected = [
+        m.travels[0], m.tension_min[2], m.tension_max[2], m.rotation_amplitudes[2],
+        m.span_peaks[2], m.hub_load_max[1], 0.0,
+    ]  # fmt: skip
+    np.testing.assert_allclose(values, expected, rtol=1e-8)
+    by_spring = np.asarray(slopes.tensioner.stiffness)
+    assert np.all(np.isfinite(by_spring))
+    assert np.count_nonzero(by_spring) == 6
 
 
 def test_a_design_is_where_its_values_say(tmp_path):

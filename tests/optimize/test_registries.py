@@ -75,7 +75,7 @@ def test_a_study_file_names_them(extended, tmp_path):
     length = bj.reference_state(drive, point).unstretched_length
     assert design.final == pytest.approx(float(drive.belt.mass_per_length * length), rel=1e-12)
     assert design.constraints[0].unit == "W"
-    # The batched default ends in the same design.
+    # A search over all starts at once ends in the same design.
     text = STUDY.replace("cobyla", "augmented-lagrangian")
     other = bj.optimize.minimize(bj.optimize.load_study(study_file(tmp_path, text)))
     assert other.final == pytest.approx(design.final, rel=1e-8)

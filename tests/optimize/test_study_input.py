@@ -11,7 +11,7 @@ from drives import EXAMPLES
 import beltjax as bj
 
 BAD = {
-    "method": ({"method": "ipotp"}, "method 'ipotp' is not one of 'augmented-lagrangian', 'slsqp'"),
+    "method": ({"method": "ipotp"}, "method 'ipotp' is not one of 'sqp', 'augmented-lagrangian'"),
     "starts": ({"starts": 0}, "starts is a whole number from 1, not 0"),
     "seed": ({"seed": -1}, "seed is a whole number from 0, not -1"),
     "sharpness": ({"sharpness": 0.0}, r"sharpness is positive, not 0\.0"),

@@ -117,3 +117,25 @@ def read_orders(text: str) -> tuple[float, ...]:
     if not all(order > 0 for order in orders):
         raise ValueError(f"found {text!r}; give positive orders, such as 2,4")
     return orders
+
+
+def read_excited_orders(text: str) -> dict[float, complex]:
+    """Complex amplitudes [rad] by order, of "2=0.2 deg,4=0.05 deg@1 rad"."""
+    example = 'ORDER=AMPLITUDE or ORDER=AMPLITUDE@PHASE, such as "2=0.2 deg,4=0.05 deg@1 rad"'
+    found: dict[float, complex] = {}
+    for part in text.split(","):
+        order, size = read_named(part, example)
+        amplitude, at, phase = size.partition("@")
+        place = si_of_text(order, "")
+        if place in found:
+            raise ValueError(f"found order {place:g} twice; remove one of them")
+        angle = si_of_text(phase, "rad") if at else 0.0
+        found[place] = read_amplitude(amplitude, "rad") * complex(np.exp(1j * angle))
+    return found
+
+
+def read_points(text: str, unit: str, count: int) -> Float[np.ndarray, " points"]:
+    """Values [SI] of "2000 rpm", of "600 rpm:6000 rpm" (`count` of them), or of `read_range`."""
+    if ":" not in text:
+        return np.array([si_of_text(text, unit)])
+    return read_range(text if text.count(":") > 1 else f"{text}:{count}", unit)

@@ -12,6 +12,7 @@ from rich.console import Group
 from rich.markup import escape
 
 from beltjax.analysis.damping import Damping
+from beltjax.analysis.orders import ORDER
 from beltjax.analysis.response import Excitation, Response, speed_response
 from beltjax.analysis.sweep import CHUNK
 from beltjax.commands.reports.arguments import (
@@ -49,8 +50,7 @@ from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
 from beltjax.results import explanations
 
-_MODAL_DAMPING = 0.02
-_ORDER = 2.0  # of a four-cylinder engine's firing
+MODAL_DAMPING = 0.02
 
 
 class SwingPart(Part):
@@ -118,7 +118,7 @@ def response_report(
     speeds = read_option("--speeds", lambda: read_range(given.speeds, "rad/s"))
     if not speeds[0] > 0:
         raise FileError("--speeds", "", f"found {given.speeds!r}; begin above 0")
-    ratio = _MODAL_DAMPING if given.modal_damping is None else given.modal_damping
+    ratio = MODAL_DAMPING if given.modal_damping is None else given.modal_damping
     damping = read_option("--modal-damping", lambda: Damping(modal=ratio))
     found = _responses(drive, point, speeds, excitation, jnp.asarray(order), damping, advance)
     document = response_document(drive, order, speeds, found)
@@ -143,7 +143,7 @@ def _order(point: OperatingPoint, given: ResponseOptions) -> float:
     if given.order is not None:
         return given.order
     file = point.excitation
-    return _ORDER if file is None or file.order is None else float(file.order)
+    return ORDER if file is None or file.order is None else float(file.order)
 
 
 def _excitation(
@@ -152,7 +152,7 @@ def _excitation(
     """The command's crank motion and torques; the file's where the command names neither."""
     file = point.excitation
     if given.crank is not None or given.torques:
-        crank, torques = _commanded(drive, given)
+        crank, torques = commanded(drive, given.crank, given.torques)
     elif file is not None:
         crank, torques = file.crank, file.torque
     else:
@@ -160,16 +160,20 @@ def _excitation(
     crank = 0.0 if crank is None else crank
     if not (float(crank) or any(map(float, torques.values()))):
         message = "is not excited; give --crank, --torque NAME=AMPLITUDE or a table [excitation]"
+        if file is not None and file.orders:
+            message = "has excitation.orders, which are for `periodic`; give --crank or --torque"
         raise FileError(path, "", message)
     # A torque on every pulley, most of them zero, so that all excitations compile once.
     return Excitation(crank, {name: torques.get(name, 0.0) for name in drive.pulley_names})
 
 
-def _commanded(drive: Drive, given: ResponseOptions) -> tuple[float, dict[str, float]]:
-    """Amplitudes of the command's crank motion [rad] and torques [N m]."""
-    crank = read_option("--crank", lambda: read_amplitude(given.crank or "0", "rad"))
+def commanded(
+    drive: Drive, crank_text: str | None, torque_texts: Sequence[str]
+) -> tuple[float, dict[str, float]]:
+    """Amplitudes of a command's crank motion [rad] and torques [N m]; raises `FileError`."""
+    crank = read_option("--crank", lambda: read_amplitude(crank_text or "0", "rad"))
     torques = {}
-    for text in given.torques:
+    for text in torque_texts:
         name, size = read_option("--torque", lambda text=text: read_named(text, "NAME=AMPLITUDE"))
         if name in torques:
             raise FileError("--torque", "", f"names {name!r} twice; remove one of them")

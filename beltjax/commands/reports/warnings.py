@@ -1,5 +1,6 @@
 """Warnings: limits of the trust in a result, in words, for the JSON and the tables."""
 
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -7,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from rich.text import Text
 
+from beltjax.analysis.periodic import STEEPEST, PeriodicResponse
 from beltjax.analysis.response import Response
 from beltjax.analysis.steady import FARTHEST, STIFFEST, SteadyState
 from beltjax.analysis.sweep import Sweep
@@ -213,9 +215,71 @@ def response_warnings(drive: Drive, found: Response) -> Warnings:
         return stiff
     text = (
         "the fluctuation of a tension exceeds the running tension, where a span goes slack and "
-        f"linear amplitudes do not hold: {', '.join(slack)}"
+        f"linear amplitudes do not hold: {', '.join(slack)}; `beltjax periodic` finds the motion"
     )
     return [*stiff, {"code": "span_slackens", "text": text}]
+
+
+def periodic_warnings(
+    drive: Drive, speeds: np.ndarray, found: Sequence[PeriodicResponse]
+) -> Warnings:
+    """At which speeds motions that were found leave the limits of their model, and where."""
+    good = [
+        (speed, one)
+        for speed, one in zip(speeds, found, strict=True)
+        if bool(succeeded(one.result))
+    ]
+    if not good:
+        return []
+    rpm = np.array([speed for speed, _ in good]) * RPM
+
+    def table(of: Callable[[PeriodicResponse], Any]) -> np.ndarray:
+        return np.array([np.asarray(of(one)) for _, one in good])
+
+    ratios = table(lambda one: one.linearization.steady.stiffness_ratios)
+    largest = np.abs(table(lambda one: one.multipliers[0]))[:, None]
+    spans, pulleys = drive.span_names, drive.pulley_names
+    return [
+        *_stiff_belts(drive, ratios),
+        *_where("orbit_unstable", "the motion is unstable", rpm, largest > 1, [""]),
+        *_where(
+            "span_slack_in_motion",
+            "a span loses its tension during the motion, where slack is not in the model",
+            rpm,
+            table(lambda one: one.measures.tension_min) < 0,
+            spans,
+        ),
+        *_where(
+            "slope_too_large",
+            "a span deflects by a slope above 0.2, where equations for small slopes are off",
+            rpm,
+            table(lambda one: one.measures.slope_max) > STEEPEST,
+            spans,
+        ),
+        *_where(
+            "belt_slips_in_motion",
+            "tensions differ by more than friction holds, and slip is not in the model",
+            rpm,
+            table(lambda one: one.friction_use) > 1,
+            pulleys,
+        ),
+    ]
+
+
+def _where(
+    code: str, text: str, rpm: np.ndarray, bad: np.ndarray, names: Sequence[str]
+) -> Warnings:
+    """A warning of the parts and speeds that are `bad` [speeds, parts]."""
+    if not bad.any():
+        return []
+    at = rpm[bad.any(axis=1)]
+    parts = ", ".join(filter(None, np.array(names, object)[bad.any(axis=0)]))
+    speeds = (
+        f"{_digits(at[0])} rpm"
+        if len(at) == 1
+        else f"{len(at)} speeds, the first {_digits(at[0])} rpm"
+    )
+    return [{"code": code, "text": f"{text}: {parts + ', ' if parts else ''}at {speeds}"}]
 
 
 def warning_lines(document: dict[str, Any]) -> list[Text]:

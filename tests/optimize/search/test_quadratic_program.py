@@ -9,18 +9,20 @@ from scipy.optimize import minimize
 import beltjax as bj
 
 quadratic = bj.optimize.search.quadratic_program
-LANES, N, M = 40, 5, 12
+LANES, N = 40, 5
 
 
-@pytest.fixture(scope="module")
-def programs():
+# Of 12 rows all are counted; of 60 a few at a time, and where those do not settle, all.
+@pytest.fixture(scope="module", params=[12, 60])
+def programs(request):
+    M = request.param
     rng = np.random.default_rng(5)
     root = rng.normal(size=(LANES, N, N))
     return quadratic.QuadraticProgram(
         B=root @ root.transpose(0, 2, 1) + 0.1 * np.eye(N),
         g=3 * rng.normal(size=(LANES, N)),
         J=rng.normal(size=(LANES, M, N)),
-        c=rng.normal(size=(LANES, M)) - 0.5,
+        c=rng.normal(size=(LANES, M)) - (0.5 if M == 12 else 2.0),
         least=-rng.uniform(0.1, 1.0, (LANES, N)),
         greatest=rng.uniform(0.1, 1.0, (LANES, N)),
         # At the low prices rows are paid for, at the high ones they are met where that can be.
@@ -51,6 +53,7 @@ def by_scipy(of):
     def slope(x):
         return np.append(of.B @ x[:N] + of.g, np.full(M, of.price))
 
+    M = len(of.c)
     rows = np.hstack([-of.J, np.eye(M)])
     met = {"type": "ineq", "fun": lambda x: rows @ x - of.c, "jac": lambda x: rows}
     bounds = [*zip(of.least, of.greatest, strict=True), *[(0, None)] * M]
@@ -63,11 +66,12 @@ def by_scipy(of):
 
 
 def test_scipy_finds_the_same_cost(programs, solutions):
-    for lane in range(LANES):
+    for lane in range(0, LANES, len(programs.c[0]) // 12):
         of = lane_of(programs, lane)
         ours, other = cost(of, np.asarray(solutions.d[lane])), cost(of, by_scipy(of))
         assert ours <= other + 1e-9 * (1 + abs(other))
-        assert ours == pytest.approx(other, rel=1e-6)  # of which SLSQP is capable
+        if len(of.c) == 12:  # of so many SLSQP is capable
+            assert ours == pytest.approx(other, rel=1e-6)
 
 
 def test_no_point_at_all_costs_less(programs, solutions):

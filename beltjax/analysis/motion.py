@@ -1,0 +1,200 @@
+"""Motion of finite amplitude of a linearized drive, as an oscillator with a periodic force."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Complex, Float
+
+from beltjax.analysis.damping import Damping, damping_matrix
+from beltjax.analysis.linearization import Linearization
+from beltjax.analysis.orders import Forcing
+from beltjax.analysis.response import moments_on_rotors
+from beltjax.analysis.steady import SteadyState
+from beltjax.drive.layout import belt_path, outline
+from beltjax.drive.shafts import rotors
+from beltjax.drive.system import Drive
+from beltjax.numerics.periodic import Oscillator, derived, series
+from beltjax.physics.joints import Joints
+from beltjax.physics.motion import (
+    MotionModel,
+    SpanPaths,
+    dry_friction,
+    quadratic_strains,
+    stretching,
+)
+
+LAYERED = 8  # functions of a span from which four of them are its ends' layers
+_LAYERS = 4
+
+
+class Excited(NamedTuple):
+    """A drive in motion, and what excites it, by harmonics of its period; dimensionless."""
+
+    model: MotionModel
+    frequency: Float[Array, ""]
+    driver: Float[Array, " terms"]  # rotation, as coefficients of `numerics.periodic`
+    load: Float[Array, "terms size"]
+
+
+def motion_model(
+    linearization: Linearization,
+    damping: Damping,
+    paths: SpanPaths | None = None,
+    joints: Joints | None = None,
+) -> MotionModel:
+    """The drive of `linearization` in motion, whose driver's rotation is given."""
+    lin = linearization
+    return MotionModel(
+        mass=lin.mass,
+        damping=lin.gyroscopic + damping_matrix(lin, damping),
+        stiffness=lin.stiffness,
+        elongations=lin.elongations,
+        driving=lin.driving,
+        work=lin.model.lam * lin.model.gam,
+        pull=lin.model.lam * lin.model.Q,
+        bodies=quadratic_strains(lin.model),
+        paths=paths,
+        friction=lin.steady.groups.frictions * lin.model.movable,
+        friction_speed=lin.steady.groups.friction_speeds,
+        joints=joints,
+        functions=lin.basis.size,
+    )
+
+
+def span_paths(drive: Drive, steady: SteadyState) -> SpanPaths:
+    """Geometry of the drive's spans about the steady state, dimensionless."""
+    of, loops, length = outline(drive), drive.loops, steady.scales.length
+    foot = of.faces * of.radii
+    running = steady.reference.coordinates + steady.coordinate_change
+    at, units = belt_path(of, loops, running), steady.groups.units
+    turned = at.span_turns[:, :, None] * at.span_turns[:, None, :]
+    second = turned / at.span_lengths[:, None, None] + at.curvatures
+    return SpanPaths(
+        x=of.x / length,
+        y=of.y / length,
+        rise=(loops.following(foot) - foot) / length,
+        senses=of.senses,
+        bodies=of.bodies._replace(pivots=of.bodies.pivots / length),
+        steady=running / units,
+        lengths=at.span_lengths / length,
+        along_x=at.along_x,
+        along_y=at.along_y,
+        first=at.span_pulls * units / length,
+        second=second * units[:, None] * units / length,
+        units=steady.groups.span_ratios,
+        counted=jax.lax.stop_gradient(drive.model.arm_curvature),
+        loops=loops,
+    )
+
+
+def joints_of(drive: Drive, lin: Linearization, damping: Damping) -> Joints:
+    """The isolators of the drive, some of which are clutches, dimensionless."""
+    parts, scales = drive.isolators, lin.scales
+    wind_ups = rotors(drive).wind_ups
+    n = lin.spans * lin.basis.size
+    rows = jnp.zeros((len(parts), len(lin.mass)))
+    rows = rows.at[:, n : n + len(lin.rotors)].set(wind_ups[:, lin.rotors])
+    stiffness = jnp.stack([part.stiffness for part in parts])
+    damped = jnp.stack([part.damping for part in parts]) * damping.arm
+    flags = jax.lax.stop_gradient(jnp.stack([part.pulleys for part in parts]))
+    return Joints(
+        rows=rows,
+        driving=wind_ups[:, lin.driver],
+        steady=flags @ lin.steady.reference.torques / stiffness,
+        stiffness=stiffness / scales.energy,
+        damping=damped / (scales.energy * scales.time),
+        clutch=jax.lax.stop_gradient(jnp.stack([part.law for part in parts])),
+    )
+
+
+def layered_shapes(lin: Linearization, functions: int) -> Float[Array, "spans n functions"]:
+    """Orthonormal combinations of each span's functions, fewer than those, that hold its layers.
+
+    The first are e^{-kx} and x e^{-kx} at both ends, with k of the steady state: what the span's
+    stretch excites directly, and what it answers. The others are the basis' first functions. With
+    few functions they are these alone.
+    """
+    m, basis = lin.model, lin.basis
+    unit = np.eye(basis.size)
+    if functions < LAYERED:
+        return jnp.broadcast_to(unit[:, :functions], (lin.spans, basis.size, functions))
+    own = m.Q[:, None, None] * unit
+    own = own + ((m.eps / m.lam) ** 2)[:, None, None] * basis.products().curvature
+    moments = jnp.stack(jax.vmap(basis.layer_moments)(m.u, m.z), axis=-1)
+    layers = jnp.concatenate([moments, jnp.linalg.solve(own, moments)], axis=-1)
+    length = jnp.linalg.norm(jnp.where(layers == 0, 1e-300, layers), axis=1, keepdims=True)
+    # A belt without bending stiffness has no layers.
+    spare = unit[:, functions - _LAYERS : functions]
+    layers = jnp.where(length > 1e-200, layers / length, spare)
+    rest = jnp.broadcast_to(
+        unit[:, : functions - _LAYERS], (lin.spans, basis.size, functions - _LAYERS)
+    )
+    return jnp.linalg.qr(jnp.concatenate([layers, rest], axis=-1))[0]
+
+
+def widened(
+    shapes: Float[Array, "spans n fewer"], z: Float[Array, "*points less"]
+) -> Float[Array, "*points size"]:
+    """Coordinates in the linearization's basis, from those of `physics.motion.projected`."""
+    spans, _, fewer = shapes.shape
+    fields = z[..., : spans * fewer].reshape(*z.shape[:-1], spans, fewer)
+    fields = jnp.einsum("inf,...if->...in", shapes, fields)
+    return jnp.concatenate([fields.reshape(*z.shape[:-1], -1), z[..., spans * fewer :]], axis=-1)
+
+
+def narrowed(
+    shapes: Float[Array, "spans n fewer"], load: Float[Array, "*points size"]
+) -> Float[Array, "*points less"]:
+    """Loads on those coordinates, from the loads on the linearization's."""
+    spans, n, _ = shapes.shape
+    fields = load[..., : spans * n].reshape(*load.shape[:-1], spans, n)
+    fields = jnp.einsum("inf,...in->...if", shapes, fields)
+    return jnp.concatenate([fields.reshape(*load.shape[:-1], -1), load[..., spans * n :]], axis=-1)
+
+
+def load_series(
+    lin: Linearization, forcing: Forcing, frequency: Float[Array, ""], damping: Damping
+) -> tuple[Float[Array, " terms"], Float[Array, "terms size"]]:
+    """The driver's rotation, and the load on each coordinate beside what its stretch transmits."""
+    m = lin.model
+    omega = frequency * jnp.arange(len(forcing.crank))
+
+    def at(
+        omega: Float[Array, ""], crank: Complex[Array, ""], torques: Complex[Array, " pulleys"]
+    ) -> Complex[Array, " size"]:
+        lag = 1j * omega * damping.stiffness / lin.scales.time  # of a damped stiffness
+        of_belt = lag + 1j * omega * damping.belt / lin.scales.time
+        load = -of_belt * crank * (lin.elongations.T @ (m.lam * m.gam * lin.driving))
+        forces = torques / lin.scales.energy
+        moments = moments_on_rotors(lin, omega, crank, forces, damping, 1 + lag)
+        n = lin.spans * lin.basis.size
+        return load.at[n : n + len(lin.rotors)].add(moments)
+
+    load = jax.vmap(at)(omega, forcing.crank, forcing.torques)
+    return _real_series(forcing.crank), _real_series(load)
+
+
+def _real_series(amplitudes: Complex[Array, "harmonics *rest"]) -> Float[Array, "terms *rest"]:
+    """Coefficients of the sum of Re(z_k e^{i k tau})."""
+    waves = jnp.stack([amplitudes[1:].real, -amplitudes[1:].imag], axis=1)
+    return jnp.concatenate([amplitudes[:1].real, waves.reshape(-1, *amplitudes.shape[1:])])
+
+
+def oscillator(excited: Excited, part: Float[Array, ""]) -> Oscillator:
+    """The equations of motion under that part of the excitation."""
+    m, harmonics = excited.model, len(excited.driver) // 2
+
+    def force(
+        z: Float[Array, " size"], rate: Float[Array, " size"], phase: Float[Array, ""]
+    ) -> Float[Array, " size"]:
+        of = part * series(phase, harmonics)
+        theta = of @ excited.driver
+        found = stretching(m, z, theta) + dry_friction(m, rate) - of @ excited.load
+        if m.joints is None:
+            return found
+        turning = excited.frequency * (of @ derived(excited.driver[:, None])[:, 0])
+        return found + m.joints.force(z, rate, theta, turning)
+
+    return Oscillator(m.mass, m.damping, m.stiffness, excited.frequency, force)

@@ -1,0 +1,218 @@
+"""What a periodic motion does to the parts of a drive: amplitudes, extremes of tension, slip."""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from beltjax.analysis.linearization import Linearization
+from beltjax.drive.readable import Readable
+from beltjax.numerics.periodic import Coefficients, derived, series
+from beltjax.numerics.roots import solve_dense
+from beltjax.physics.motion import MotionModel, dry_friction, strains
+
+_TIMES = 4  # points of time per sample of the orbit, from which extremes are refined
+_PLACES = 33  # points of a span
+_REFINEMENTS = 3  # of Newton's method
+_MOST = 1e6  # slip exponent of a pulley beside a span without tension
+
+
+class Measures(Readable):
+    """Extremes of a motion over its period, all in SI units; deviations from the steady state.
+
+    Their derivatives are exact: an extreme's own place in time changes nothing to first order.
+    """
+
+    rotation_amplitudes: Float[Array, " pulleys"]  # of the rims, half peak to peak [rad]
+    hub_rotation_amplitudes: Float[Array, " pulleys"]  # [rad]
+    travels: Float[Array, " tensioners"]  # peak to peak [rad] or [m]
+    mean_motions: Float[Array, " tensioners"]  # [rad] or [m]
+    greatest_motions: Float[Array, "tensioners 2"]  # least and greatest [rad] or [m]
+    friction_work: Float[Array, " tensioners"]  # of their dry friction over a period [J]
+    open_fractions: Float[Array, " isolators"]  # part of the period in which a clutch is open
+    tension_min: Float[Array, " spans"]  # [N]
+    tension_max: Float[Array, " spans"]  # [N]
+    slack_fractions: Float[Array, " spans"]  # part of the period with a tension below 0
+    span_peaks: Float[Array, " spans"]  # largest deflection over each span [m]
+    slope_max: Float[Array, " spans"]  # largest slope of the deflection
+    hub_load_max: Float[Array, " pulleys"]  # [N], of the vector sum of the effective tensions
+    # |ln(Q_out/Q_in)|: above friction times wrap a pulley slips.
+    slip_exponent_max: Float[Array, " pulleys"]
+
+
+class Signals(eqx.Module):
+    """A periodic motion as functions of its phase, in SI units."""
+
+    linearization: Linearization
+    model: MotionModel
+    coefficients: Coefficients
+    driver: Float[Array, " terms"]
+    frequency: Float[Array, ""]  # dimensionless
+
+    def state(self, phase: Float[Array, ""]) -> tuple[Float[Array, " size"], Float[Array, ""]]:
+        """Coordinates and the driver's rotation."""
+        of = series(phase, len(self.driver) // 2)
+        return of @ self.coefficients, of @ self.driver
+
+    def rotors(self, phase: Float[Array, ""]) -> Float[Array, " rotors"]:
+        """Rotations of all rotors [rad]."""
+        z, theta = self.state(phase)
+        _, rotations, _ = self.linearization.split(z)
+        return rotations.at[self.linearization.driver].add(theta)
+
+    def motions(self, phase: Float[Array, ""]) -> Float[Array, " tensioners"]:
+        """Motions of the tensioners [rad] or [m]."""
+        z, _ = self.state(phase)
+        return self.linearization.split(z)[2] * self.linearization.units
+
+    def gains(self, phase: Float[Array, ""]) -> Float[Array, " spans"]:
+        """Tension that each span gains [N]."""
+        lin = self.linearization
+        return lin.scales.tension * lin.model.gam * strains(self.model, *self.state(phase))
+
+    def hub_loads(self, phase: Float[Array, ""]) -> Float[Array, " pulleys"]:
+        """Load on each hub [N], without the part of the tensions that turns the belt round."""
+        lin, loops = self.linearization, self.linearization.steady.groups.loops
+        pulls = lin.steady.effective_tensions * lin.scales.tension + self.gains(phase)
+        pulls = pulls[:, None] * lin.steady.reference.layout.directions
+        square = jnp.sum((pulls - loops.preceding(pulls)) ** 2, axis=1)
+        return jnp.sqrt(jnp.where(square > 0, square, 1e-300))
+
+    def slip_exponents(self, phase: Float[Array, ""]) -> Float[Array, " pulleys"]:
+        """|ln(Q_out/Q_in)| of each pulley."""
+        lin, loops = self.linearization, self.linearization.steady.groups.loops
+        Q = lin.steady.effective_tensions + self.gains(phase) / lin.scales.tension
+        pulled = Q > 0
+        logarithm = jnp.log(jnp.where(pulled, Q, 1.0))
+        both = pulled & loops.preceding(pulled)
+        return jnp.where(both, jnp.abs(logarithm - loops.preceding(logarithm)), _MOST)
+
+
+def measures(signals: Signals, samples: int) -> Measures:
+    """Extremes of the motion, whose coefficients were found with that many samples."""
+    lin = signals.linearization
+    groups, steady = lin.steady.groups, lin.steady
+    phases = jnp.arange(_TIMES * samples) * (2 * jnp.pi / (_TIMES * samples))
+
+    def all_of(signals: Signals, phase: Float[Array, ""]) -> Float[Array, " items"]:
+        rotors = signals.rotors(phase)
+        rotations = groups.turning @ rotors, lin.of_pulleys(rotors)
+        pulls = signals.gains(phase), signals.hub_loads(phase), signals.slip_exponents(phase)
+        return jnp.concatenate([*rotations, signals.motions(phase), *pulls])
+
+    sizes = [lin.spans, lin.spans, lin.bodies, lin.spans, lin.spans]
+    ends = jnp.split(extremes(all_of, signals, phases), np.cumsum(sizes), axis=1)
+    rims, hubs, motions, gains, loads, use = ends
+    slack = jax.vmap(signals.gains)(phases) + steady.running_tensions < 0
+    peaks, slopes = _deflections(signals, phases)
+    return Measures(
+        rotation_amplitudes=(rims[1] - rims[0]) / 2,
+        hub_rotation_amplitudes=(hubs[1] - hubs[0]) / 2,
+        travels=motions[1] - motions[0],
+        mean_motions=lin.split(signals.coefficients[0])[2] * lin.units,
+        greatest_motions=motions.T,
+        friction_work=_friction_work(signals, phases) * lin.scales.energy,
+        open_fractions=_open_fractions(signals, phases),
+        tension_min=steady.running_tensions + gains[0],
+        tension_max=steady.running_tensions + gains[1],
+        slack_fractions=jnp.mean(slack.astype(float), axis=0),
+        span_peaks=peaks * lin.model.lam * lin.scales.length,
+        slope_max=slopes,
+        hub_load_max=loads[1],
+        slip_exponent_max=use[1],
+    )
+
+
+def _open_fractions(signals: Signals, phases: Float[Array, " times"]) -> Float[Array, " isolators"]:
+    """Part of the period in which each clutch is open, without a derivative; springs never are."""
+    joints = signals.model.joints
+    if joints is None:
+        return jnp.zeros(0)
+    wound = jax.vmap(lambda phase: joints.wind_ups(*signals.state(phase)))(phases)
+    return joints.clutch * jnp.mean((wound < 0).astype(float), axis=0)
+
+
+def _friction_work(signals: Signals, phases: Float[Array, " times"]) -> Float[Array, " tensioners"]:
+    """Work of dry friction over a period, of each body."""
+    X, model = signals.coefficients, signals.model
+    count = len(model.friction)
+
+    # Speeds are derivatives by the phase here, and so is the work: w drops out but in tanh.
+    def at(phase: Float[Array, ""]) -> Float[Array, " tensioners"]:
+        rate = series(phase, len(X) // 2) @ derived(X)
+        force = dry_friction(model, signals.frequency * rate)
+        return (force * rate)[len(rate) - count :]
+
+    return 2 * jnp.pi * jnp.mean(jax.vmap(at)(phases), axis=0)
+
+
+def extremes(
+    function: Callable[[Signals, Float[Array, ""]], Float[Array, " items"]],
+    signals: Signals,
+    phases: Float[Array, " times"],
+) -> Float[Array, "2 items"]:
+    """Least and greatest value over the period of each item of a function of the phase.
+
+    The best of the phases given is refined by Newton's method.
+    """
+    fixed = jax.lax.stop_gradient(signals)
+    values = jax.vmap(lambda phase: function(fixed, phase))(phases)
+    starts = phases[jnp.stack([jnp.argmin(values, axis=0), jnp.argmax(values, axis=0)])]
+    reach, one = phases[1] - phases[0], jnp.ones(())
+    sign = jnp.array([[1.0], [-1.0]])
+
+    def slope(phase: Float[Array, ""]) -> Float[Array, " items"]:
+        return jax.jvp(lambda phase: function(fixed, phase), (phase,), (one,))[1]
+
+    def slopes(phase: Float[Array, ""], item: Int[Array, ""]) -> tuple[Array, Array]:
+        first, second = jax.jvp(slope, (phase,), (one,))
+        return first[item], second[item]
+
+    def newton(_: Array, at: Float[Array, "2 items"]) -> Float[Array, "2 items"]:
+        first, second = jax.vmap(jax.vmap(slopes), (0, None))(at, jnp.arange(at.shape[1]))
+        curved = sign * second > 0
+        step = jnp.where(curved, -first / jnp.where(curved, second, 1.0), 0.0)
+        return jnp.clip(at + step, starts - reach, starts + reach)
+
+    at = jax.lax.fori_loop(0, _REFINEMENTS, newton, starts)
+    every = jax.vmap(jax.vmap(lambda phase: function(signals, phase)))(at)
+    return jnp.stack([jnp.diag(row) for row in every])
+
+
+def _deflections(
+    signals: Signals, phases: Float[Array, " times"]
+) -> tuple[Float[Array, " spans"], Float[Array, " spans"]]:
+    """Largest deflection of each span over its length, and largest slope, in space and time."""
+    lin = signals.linearization
+    fixed = jax.lax.stop_gradient(signals)
+    grid = jnp.linspace(0.0, 1.0, _PLACES)
+    states = jax.vmap(lambda phase: fixed.state(phase)[0])(phases)
+
+    def of_span(i: Int[Array, ""]) -> tuple[Array, Array]:
+        def at(signals: Signals, point: Float[Array, "2"], order: int = 0) -> Array:
+            return signals.linearization.deflection(signals.state(point[1])[0], i, point[0], order)
+
+        table = jax.vmap(lambda z: lin.deflection(z, i, grid))(states)
+        time, place = jnp.unravel_index(jnp.argmax(jnp.abs(table)), table.shape)
+        start = jnp.stack([grid[place], phases[time]])
+        sign = jnp.sign(table[time, place])
+        reach = jnp.stack([grid[1], phases[1]])
+
+        def newton(_: Array, point: Float[Array, "2"]) -> Float[Array, "2"]:
+            slope = jax.grad(lambda point: -sign * at(fixed, point))
+            first, (second, mixed) = slope(point), jax.jacfwd(slope)(point)
+            determinant = second[0] * mixed[1] - second[1] * mixed[0]
+            curved = (determinant > 0) & (second[0] > 0)
+            step = -solve_dense(jnp.stack([second, mixed]), first)
+            step = jnp.where(curved, step, 0.0)
+            point = jnp.clip(point + step, start - reach, start + reach)
+            return point.at[0].set(jnp.clip(point[0], 0.0, 1.0))
+
+        point = jax.lax.fori_loop(0, _REFINEMENTS, newton, start)
+        steepest = jnp.max(jnp.abs(jax.vmap(lambda z: lin.deflection(z, i, grid, 1))(states)))
+        return sign * at(signals, point), steepest
+
+    return jax.vmap(of_span)(jnp.arange(lin.spans))

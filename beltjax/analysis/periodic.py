@@ -1,0 +1,334 @@
+"""Periodic vibration of finite amplitude: harmonic balance, stability, and its derivatives."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Complex, Float
+
+from beltjax.analysis.damping import Damping
+from beltjax.analysis.linearization import Linearization, linearize
+from beltjax.analysis.motion import (
+    Excited,
+    joints_of,
+    layered_shapes,
+    load_series,
+    motion_model,
+    narrowed,
+    oscillator,
+    span_paths,
+    widened,
+)
+from beltjax.analysis.orbit_measures import Measures, Signals, measures
+from beltjax.analysis.orders import Forcing, Orders, given_forcing
+from beltjax.analysis.steady import steady_state
+from beltjax.compiling.quick import boundary_jit, usual_promotion
+from beltjax.drive.canonical import canonical, strongly_typed
+from beltjax.drive.components import as_real, concrete
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
+from beltjax.numerics.bases import AbstractBasis, Legendre
+from beltjax.numerics.periodic import Orbit, multipliers, periodic_orbit
+from beltjax.physics.motion import MotionModel, projected
+from beltjax.results import (
+    RESULTS,
+    first_failure,
+    frozen_where_failed,
+    raise_unless_successful,
+    succeeded,
+)
+
+_FINE = 32  # Legendre functions from which the layered ones are combined
+STEEPEST = 0.2  # slope above which small slopes are no good approximation
+_PER_HARMONIC = 8  # samples
+
+
+class PeriodicResponse(eqx.Module):
+    """A periodic motion of a drive about its steady state, found by harmonic balance."""
+
+    # Fourier coefficients of the deviation in the linearization's coordinates: the mean, then the
+    # cosine and the sine of each harmonic.
+    coefficients: Float[Array, "terms size"]
+    frequency: Float[Array, ""]  # of the period [rad/s]
+    driver: Float[Array, " terms"]  # rotation of the driver, given [rad]
+    multipliers: Complex[Array, " states"]  # Floquet's, the largest first
+    measures: Measures
+    friction_use: Float[Array, " pulleys"]  # largest over the period; 0 without friction
+    linearization: Linearization
+    signals: Signals
+    conditioning: Float[Array, ""]  # least singular value of the scaled equations; 0 at a fold
+    # Size of the last two harmonics over that of all: what is left out is of that size. The
+    # error of the functions of the spans is not in it.
+    error: Float[Array, ""]
+    result: RESULTS
+    warning: RESULTS
+    stats: dict[str, Array]
+
+    @property
+    def period(self) -> Float[Array, ""]:
+        """Period [s]."""
+        return 2 * jnp.pi / self.frequency
+
+    @property
+    def stable(self) -> Bool[Array, ""]:
+        """Whether a small disturbance dies out."""
+        return jnp.abs(self.multipliers[0]) < 1
+
+    @usual_promotion
+    def at(self, t: Array | np.ndarray | float) -> Float[Array, "*times size"]:
+        """Deviation from the steady state at times [s], in the linearization's coordinates."""
+        return self._over(lambda phase: self.signals.state(phase)[0], t)
+
+    @usual_promotion
+    def rotations(self, t: Array | np.ndarray | float) -> Float[Array, "*times pulleys"]:
+        """Rotations of the hubs beyond their mean speed at times [s], in [rad]."""
+        return self._over(
+            lambda phase: self.linearization.of_pulleys(self.signals.rotors(phase)), t
+        )
+
+    @usual_promotion
+    def tensioner_motions(self, t: Array | np.ndarray | float) -> Float[Array, "*times tensioners"]:
+        """Motions of the tensioners from the steady state at times [s], in [rad] or [m]."""
+        return self._over(self.signals.motions, t)
+
+    @usual_promotion
+    def tensions(self, t: Array | np.ndarray | float) -> Float[Array, "*times spans"]:
+        """Tensions of the spans at times [s], in [N]."""
+        running = self.linearization.steady.running_tensions
+        return running + self._over(self.signals.gains, t)
+
+    def _over(
+        self, function: Callable[[Float[Array, ""]], Array], t: Array | np.ndarray | float
+    ) -> Float[Array, "*times items"]:
+        times = jnp.asarray(t, float)
+        found = jax.vmap(function)(self.frequency * times.ravel())
+        return found.reshape(*times.shape, *found.shape[1:])
+
+
+def periodic_response(
+    drive: Drive,
+    point: OperatingPoint,
+    orders: Orders | None = None,
+    *,
+    harmonics: int = 12,
+    samples: int | None = None,
+    functions: int = 16,
+    basis: AbstractBasis | None = None,
+    damping: Damping | None = None,
+    throw: bool = True,
+) -> PeriodicResponse:
+    """Periodic motion of finite amplitude under crank motion and torques at orders of the speed.
+
+    The spans stretch by the squares of their slopes and of the tensioners' motions, so that
+    tension and deflection act on each other; dry friction of the tensioners and clutches
+    (`Isolator.law`) are counted.
+    docs/theory/motion.md. Small amplitudes give
+    `speed_response`. The motion is the one that grows from rest with the excitation.
+
+    The result is that of the steady state, or `orbit_not_found`, or `numbers_unusable` for an
+    excitation that is not finite. With `throw=False` read
+    `.result`: a failed motion is zero. A success may carry a `.warning`: `orbit_unstable`,
+    `span_slack_in_motion`, `slope_too_large` or `belt_slips_in_motion`, in this order.
+
+    Args:
+        drive: the drive.
+        point: speeds and torques.
+        orders: what excites the drive; the point's own `excitation` unless given.
+        harmonics: of the period that all orders have in common.
+        samples: points of time at which forces are evaluated; 8 per harmonic unless given, and
+            16 of a drive with dry friction or a clutch.
+        functions: for the deflection of each span. From 8 on four of them are the layers at the
+            span's ends, the others polynomials; below all are polynomials, and 0 leaves the
+            spans straight.
+        basis: functions for the deflections in place of these, such as `Legendre(24)`.
+        damping: `Damping()` unless given, which counts the drive's own dampers.
+        throw: raise where the result is a failure.
+
+    Returns:
+        The motion with its stability and its extremes.
+
+    Raises:
+        ValueError: an inertia or an excitation is missing, harmonics or samples are too few, or the
+            excitation names a pulley that is not there.
+        AnalysisError: the result is a failure, and `throw` is set.
+
+    Examples:
+        >>> drive, point = bj.load_drive("examples/three_pulley.toml")
+        >>> orders = bj.Orders({2: bj.Excitation(crank=0.002)})  # [rad]
+        >>> damping = bj.Damping(modal=0.02)
+        >>> found = bj.periodic_response(drive, point, orders, damping=damping)
+        >>> found.measures.tension_min, found.stable
+    """
+    asked = asked_of(
+        drive, point, orders, Resolution(harmonics, samples, functions, basis), damping
+    )
+    found = _periodic(*canonical(drive, point), asked)
+    return raise_unless_successful(found, found.result, throw)
+
+
+class Resolution(NamedTuple):
+    """How finely a motion is resolved, as `periodic_response` takes it."""
+
+    harmonics: int
+    samples: int | None
+    functions: int
+    basis: AbstractBasis | None
+
+
+class MotionAsked(eqx.Module):
+    """What a motion is asked for, beside the drive; the harmonics are those of the forcing."""
+
+    forcing: Forcing
+    base: Float[Array, ""]  # order of the period
+    damping: Damping
+    basis: AbstractBasis | None
+    samples: int = eqx.field(static=True)
+    functions: int = eqx.field(static=True)
+    curved: bool = eqx.field(static=True)  # bodies may move on exact paths
+    loose: bool = eqx.field(static=True)  # joints may be clutches
+
+
+def asked_of(
+    drive: Drive,
+    point: OperatingPoint,
+    orders: Orders | None,
+    how: Resolution,
+    damping: Damping | None,
+) -> MotionAsked:
+    """The question of `periodic_response` for compiled code; raises `ValueError` as that does."""
+    frictions = [body.friction_torque for body in drive.tensioners]
+    loose = _any_of([part.law for part in drive.isolators])
+    per_harmonic = _PER_HARMONIC * (2 if loose or _any_of(frictions) else 1)
+    samples = per_harmonic * how.harmonics if how.samples is None else how.samples
+    _require_resolution(how.harmonics, samples, how.functions)
+    forcing, base = _forcing(drive, point, orders, how.harmonics)
+    forcing, damping = strongly_typed((forcing, Damping() if damping is None else damping))
+    return MotionAsked(
+        forcing=forcing,
+        base=base,
+        damping=damping,
+        basis=how.basis,
+        samples=samples,
+        functions=how.functions,
+        curved=bool(drive.tensioners) and _any_of([drive.model.arm_curvature]),
+        loose=loose,
+    )
+
+
+def _forcing(
+    drive: Drive, point: OperatingPoint, orders: Orders | None, harmonics: int
+) -> tuple[Forcing, Float[Array, ""]]:
+    """What excites the drive by harmonics of the period, and the order of that."""
+    names = drive.pulley_names
+    if orders is not None:
+        return strongly_typed(orders).forcing(names, harmonics), jnp.asarray(orders.base)
+    if point.excitation is None:
+        raise ValueError("orders: found none, and the point has no excitation; give Orders(...).")
+    forcing, base = given_forcing(point.excitation, names, harmonics)
+    return forcing, as_real(base)
+
+
+def _any_of(flags: Sequence[Array]) -> bool:
+    """Whether one of the numbers may be other than 0: all that are traced may be."""
+    return any((value := concrete(flag)) is None or bool(value.any()) for flag in flags)
+
+
+def _require_resolution(harmonics: int, samples: int, functions: int) -> None:
+    if harmonics < 1:
+        raise ValueError(f"harmonics: found {harmonics}; give at least 1.")
+    if samples < 2 * harmonics + 2:
+        least = 2 * harmonics + 2
+        raise ValueError(
+            f"samples: found {samples}; give at least {least} for {harmonics} harmonics."
+        )
+    if not 0 <= functions <= _FINE:
+        raise ValueError(f"functions: found {functions}; give 0 to {_FINE}, or a basis.")
+
+
+class Prepared(NamedTuple):
+    """A drive at an operating point, ready to be moved."""
+
+    drive: Drive
+    linearization: Linearization
+    model: MotionModel  # in the linearization's coordinates
+    shapes: Float[Array, "spans n functions"]  # of the functions that are counted
+    excited: Excited  # in those
+    frequency: Float[Array, ""]  # [rad/s]
+    samples: int
+    result: RESULTS
+
+
+def prepared(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> Prepared:
+    """The equations of a drive's motion at an operating point."""
+    steady = steady_state(drive, point, throw=False)
+    basis = Legendre(_FINE) if asked.basis is None else asked.basis
+    lin = linearize(steady, basis, throw=False)
+    frequency = asked.base * point.speed(drive) / (drive.drives @ drive.radii)
+    paths = span_paths(drive, steady) if asked.curved else None
+    joints = joints_of(drive, lin, asked.damping) if asked.loose else None
+    whole = motion_model(lin, asked.damping, paths, joints)
+    w = frequency * lin.scales.time
+    driver, load = load_series(lin, asked.forcing, w, asked.damping)
+    if asked.basis is None:
+        shapes = layered_shapes(lin, asked.functions)
+    else:
+        shapes = jnp.broadcast_to(jnp.eye(basis.size), (lin.spans, basis.size, basis.size))
+    excited = Excited(projected(whole, shapes), w, driver, narrowed(shapes, load))
+    result = first_failure(
+        (~succeeded(lin.result), lin.result),
+        (~jnp.all(jnp.isfinite(load)), RESULTS.numbers_unusable),
+    )
+    excited = frozen_where_failed(excited, result)
+    return Prepared(drive, lin, whole, shapes, excited, frequency, asked.samples, result)
+
+
+@boundary_jit
+def _periodic(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> PeriodicResponse:
+    made = prepared(drive, point, asked)
+    harmonics = len(asked.forcing.crank) - 1
+    return described(made, periodic_orbit(oscillator, made.excited, harmonics, made.samples))
+
+
+def described(made: Prepared, orbit: Orbit) -> PeriodicResponse:
+    """The answer about an orbit of the drive."""
+    lin, driver, w = made.linearization, made.excited.driver, made.excited.frequency
+    signals = Signals(lin, made.model, widened(made.shapes, orbit.coefficients), driver, w)
+    found = measures(signals, made.samples)
+    use = _friction_use(made.drive, lin, found)
+    floquet = multipliers(oscillator, made.excited, orbit.coefficients)
+    size = jnp.linalg.norm(orbit.coefficients)
+    result = first_failure(
+        (~succeeded(made.result), made.result), (~orbit.converged, RESULTS.orbit_not_found)
+    )
+    answer = PeriodicResponse(
+        coefficients=signals.coefficients,
+        frequency=made.frequency,
+        driver=driver,
+        multipliers=floquet,
+        measures=found,
+        friction_use=use,
+        linearization=lin,
+        signals=signals,
+        conditioning=orbit.conditioning,
+        error=jnp.linalg.norm(orbit.coefficients[-4:]) / jnp.where(size > 0, size, 1.0),
+        result=result,
+        warning=first_failure(
+            (jnp.abs(floquet[0]) > 1, RESULTS.orbit_unstable),
+            (jnp.min(found.tension_min) < 0, RESULTS.span_slack_in_motion),
+            (jnp.max(found.slope_max) > STEEPEST, RESULTS.slope_too_large),
+            (jnp.max(use) > 1, RESULTS.belt_slips_in_motion),
+        ),
+        stats={"steps": orbit.steps, "residual": orbit.step},
+    )
+    return frozen_where_failed(answer, result)
+
+
+def _friction_use(drive: Drive, lin: Linearization, found: Measures) -> Float[Array, " pulleys"]:
+    """Largest |ln(Q_out/Q_in)| over friction times wrap; 0 where there is no friction."""
+    none = jnp.zeros(())
+    friction = jnp.stack([none if p.friction is None else p.friction for p in drive.pulleys])
+    hold = friction * lin.steady.reference.layout.wraps
+    return jnp.where(hold > 0, found.slip_exponent_max / jnp.where(hold > 0, hold, 1.0), 0.0)

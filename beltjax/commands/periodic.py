@@ -1,0 +1,105 @@
+"""Declares `beltjax periodic`; its work is in `reports/periodic.py`."""
+
+from typing import TYPE_CHECKING
+
+import click
+
+from beltjax.commands.registry import (
+    command,
+    duty_option,
+    figure_option,
+    json_option,
+    si_option,
+)
+from beltjax.commands.running import Advance, answer
+
+if TYPE_CHECKING:
+    from beltjax.commands.reports.documents import Document
+    from beltjax.commands.reports.report import Report
+
+
+def _document() -> type["Document"]:
+    from beltjax.commands.reports.periodic import PeriodicDocument
+
+    return PeriodicDocument
+
+
+@command(_document)
+@click.argument("drive_file", metavar="DRIVE.toml")
+@click.option(
+    "--crank", metavar="AMPLITUDE", help="Turn the driver by this amplitude, zero to peak (rad)."
+)
+@click.option(
+    "--torque",
+    multiple=True,
+    metavar="NAME=AMPLITUDE",
+    help="Apply a torque of this amplitude to a pulley (N m).",
+)
+@click.option(
+    "--order",
+    type=float,
+    help="Excite so often per rotation of the driver; 2 unless the file says.",
+)
+@click.option(
+    "--orders",
+    metavar="ORDER=AMPLITUDE[@PHASE],..",
+    help="Turn the driver at several orders, in place of --crank and --order.",
+)
+@click.option(
+    "--speeds",
+    metavar="SPEED|FROM:TO[:POINTS]",
+    help="Run the driver at this speed, or over this range; as the file says unless given.",
+)
+@click.option(
+    "--branch",
+    type=click.Choice(["up", "down"]),
+    help="Follow the motion over the range of speeds, from its lower or upper end, through folds.",
+)
+@click.option(
+    "--modal-damping", type=float, help="Damp every mode by this ratio; 0.02 unless given."
+)
+@click.option(
+    "--harmonics",
+    type=click.IntRange(1),
+    default=12,
+    show_default=True,
+    help="Describe the motion by so many harmonics.",
+)
+@click.option(
+    "--functions",
+    type=click.IntRange(0, 32),
+    default=16,
+    show_default=True,
+    help="Describe the deflection of each span by so many functions.",
+)
+@duty_option
+@json_option
+@figure_option
+@si_option
+def periodic(
+    drive_file: str,
+    crank: str | None,
+    torque: tuple[str, ...],
+    order: float | None,
+    orders: str | None,
+    speeds: str | None,
+    branch: str | None,
+    modal_damping: float | None,
+    harmonics: int,
+    functions: int,
+    duty: str | None,
+    json_path: str | None,
+    figure: str | None,
+    si: bool,
+) -> None:
+    """Periodic vibration of finite amplitude: its stability, extremes of tension and motion."""
+
+    def work(advance: Advance) -> "Report":
+        from beltjax.commands.reports.periodic import PeriodicOptions, periodic_report
+
+        given = PeriodicOptions(
+            crank, torque, order, orders, speeds, modal_damping, harmonics, functions, duty, branch
+        )
+        return periodic_report(drive_file, given, figure, advance, si)
+
+    answer(work, read=drive_file, json=json_path, pictures=(figure,))

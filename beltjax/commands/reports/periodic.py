@@ -1,0 +1,460 @@
+"""The work of `beltjax periodic`: it turns a drive file into a report."""
+
+import dataclasses
+import os
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from rich.console import Group
+from rich.markup import escape
+from rich.table import Table
+
+from beltjax.analysis.damping import Damping
+from beltjax.analysis.orders import ORDER, Orders, orders_of
+from beltjax.analysis.periodic import PeriodicResponse, periodic_response
+from beltjax.analysis.periodic_branch import PeriodicBranch, periodic_branch
+from beltjax.analysis.response import Excitation
+from beltjax.commands.reports.arguments import (
+    read_excited_orders,
+    read_option,
+    read_points,
+    titled,
+)
+from beltjax.commands.reports.documents import (
+    Maybe,
+    Part,
+    PointDocument,
+    meaning,
+    model_flags,
+    plain,
+)
+from beltjax.commands.reports.report import Report
+from beltjax.commands.reports.response import MODAL_DAMPING, commanded
+from beltjax.commands.reports.states import Kind, kind_of
+from beltjax.commands.reports.tables import number, plain_table
+from beltjax.commands.reports.units import TableUnits
+from beltjax.commands.reports.vibrating import RPM, vibrating
+from beltjax.commands.reports.warnings import (
+    file_warnings,
+    periodic_warnings,
+    range_warnings,
+    warning_lines,
+)
+from beltjax.commands.running import Advance
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
+from beltjax.files.errors import FileError
+from beltjax.results import explanation, succeeded
+
+_POINTS = 50  # of a range of speeds that does not say
+
+
+class MovedPulleyPart(Part):
+    """A pulley in periodic motion."""
+
+    name: str
+    rotation_amplitude: Maybe = meaning("rad, of the rim, half peak to peak")
+    hub_rotation_amplitude: Maybe = meaning("rad, of the hub")
+    hub_load_max: Maybe = meaning("N, of the tensions less m v^2")
+    friction_use_max: Maybe = meaning(
+        "logarithm of the tensions' ratio over friction times wrap, 1 where the belt slips; null "
+        "without friction"
+    )
+
+
+class MovedSpanPart(Part):
+    """A span in periodic motion."""
+
+    name: str
+    tension_min: Maybe = meaning("N")
+    tension_max: Maybe = meaning("N")
+    peak_deflection: Maybe = meaning("m, from the steady state")
+    slope_max: Maybe = meaning("of the deflection; above 0.2 the equations are off")
+    slack_fraction: Maybe = meaning("part of the period with a tension below 0")
+
+
+class MovedCoordinatePart(Part):
+    """A tensioner in periodic motion: rad, or m of a linear one."""
+
+    name: str
+    kind: Kind
+    peak_to_peak: Maybe
+    mean: Maybe = meaning("from the steady state")
+    friction_work: Maybe = meaning("J over a period, of dry friction")
+
+
+class MovedIsolatorPart(Part):
+    """An isolator in periodic motion."""
+
+    name: str
+    open_fraction: Maybe = meaning("part of the period in which a clutch is open; 0 of a spring")
+
+
+class MotionPart(Part):
+    """The periodic motion at one speed."""
+
+    driver_speed: float = meaning("rad/s")
+    period: Maybe = meaning("s")
+    stable: bool = meaning("whether small disturbances die out")
+    multipliers: list[list[float]] = meaning("Floquet's, real and imaginary part, largest first")
+    pulleys: list[MovedPulleyPart]
+    spans: list[MovedSpanPart]
+    coordinates: list[MovedCoordinatePart] = meaning("of each tensioner")
+    isolators: list[MovedIsolatorPart]
+    residual: Maybe = meaning("last correction over the size of the motion")
+    harmonics_error: Maybe = meaning("size of the last two harmonics over that of all")
+    conditioning: Maybe = meaning("distance from a fold: 0 at one")
+    feasible: bool = meaning("whether every span is tight and no pulley slips")
+    success: bool = meaning("whether a motion was found")
+    failure: str | None = meaning("why there is none")
+
+
+class PeriodicDocument(PointDocument):
+    """`beltjax periodic`."""
+
+    success: bool = meaning(
+        "whether a motion was found at every speed, or the branch was followed to an end"
+    )
+    feasible: bool = meaning("whether at every speed all spans stay tight and no pulley slips")
+    orders: list[float] = meaning("of the excitation, per rotation of the driver")
+    harmonics: int
+    functions: int = meaning("of each span")
+    periodic: list[MotionPart] = meaning("by speed, or along the branch")
+    folds: list[float] = meaning("rad/s, driver's speeds at which the branch turns back")
+    flips: list[float] = meaning("rad/s, at which the period doubles; both empty without --branch")
+
+
+class PeriodicOptions(NamedTuple):
+    """The options of `beltjax periodic`, as text; None stands for the file's, or the usual one."""
+
+    crank: str | None
+    torques: Sequence[str]
+    order: float | None
+    orders: str | None
+    speeds: str | None
+    modal_damping: float | None
+    harmonics: int
+    functions: int
+    duty: str | None = None
+    branch: str | None = None  # "up" or "down"
+
+
+def periodic_report(
+    path: str | os.PathLike[str],
+    given: PeriodicOptions,
+    figure: str | None,
+    advance: Advance,
+    si: bool = False,
+) -> Report:
+    """Find the periodic motion of the drive of a file at one speed or over a range of speeds.
+
+    Raises `FileError` as `sweep_report` does.
+    """
+    drive, point, where = vibrating(path, given.duty)
+    orders = _orders(path, drive, point, given)
+    speeds = _speeds(path, drive, point, given.speeds)
+    ratio = MODAL_DAMPING if given.modal_damping is None else given.modal_damping
+    damping = read_option("--modal-damping", lambda: Damping(modal=ratio))
+    # Before the first of many motions: whether there are enough harmonics.
+    read_option("--harmonics", lambda: orders.forcing(drive.pulley_names, given.harmonics))
+    if given.branch is not None:
+        if len(speeds) < 2:
+            raise FileError("--branch", "", "goes with a range of speeds; give --speeds FROM:TO")
+        followed = _followed(drive, point, orders, speeds, given, damping, advance)
+        speeds, found = followed.values, list(followed.responses)
+        folds, flips, whole = plain(followed.folds), plain(followed.flips), followed.complete
+    else:
+        found = _at_each(drive, point, orders, speeds, given, damping, advance)
+        folds, flips, whole = [], [], True
+    document = periodic_document(drive, given, orders, speeds, found)
+    document |= {"at": where, "folds": folds, "flips": flips}
+    document["success"] = document["success"] and whole
+    document["warnings"] += [*file_warnings(drive), *range_warnings(drive, point, speeds)]
+    units = TableUnits(drive, si)
+    files: tuple[tuple[str, bytes], ...] = ()
+    if figure:
+        from beltjax.commands.reports.periodic_curves import periodic_picture  # slow to load
+
+        files = ((figure, periodic_picture(figure, drive, units, speeds, found)),)
+    return Report(document, periodic_tables(document, units), _failure(path, document), files)
+
+
+def _at_each(
+    drive: Drive,
+    point: OperatingPoint,
+    orders: Orders,
+    speeds: np.ndarray,
+    given: PeriodicOptions,
+    damping: Damping,
+    advance: Advance,
+) -> list[PeriodicResponse]:
+    """The motion that grows from rest at each speed."""
+    found = []
+    for k, speed in enumerate(speeds):
+        advance("moving", k, len(speeds))
+        at = dataclasses.replace(point, belt_speed=None, driver_speed=speed)
+        found.append(
+            periodic_response(
+                drive, at, orders, harmonics=given.harmonics, functions=given.functions,
+                damping=damping, throw=False,
+            )
+        )  # fmt: skip
+    advance("moving", len(speeds), len(speeds))
+    return found
+
+
+def _followed(
+    drive: Drive,
+    point: OperatingPoint,
+    orders: Orders,
+    speeds: np.ndarray,
+    given: PeriodicOptions,
+    damping: Damping,
+    advance: Advance,
+) -> PeriodicBranch:
+    """The branch over the range of the speeds; raises `FileError` where it does not begin."""
+    advance("following the branch", 0, None)
+    ends = (speeds[0], speeds[-1]) if given.branch == "up" else (speeds[-1], speeds[0])
+    branch = periodic_branch(
+        drive, point, orders, *map(float, ends), harmonics=given.harmonics,
+        functions=given.functions, damping=damping, throw=False,
+    )  # fmt: skip
+    if not branch.responses:
+        rpm = ends[0] * RPM
+        message = f"no motion was found at {rpm:g} rpm, where the branch begins; begin elsewhere"
+        raise FileError("--branch", "", message)
+    return branch
+
+
+def _failure(path: str | os.PathLike[str], document: dict[str, Any]) -> str:
+    """Why the answer is not one to build on; empty where it is."""
+    parts = document["periodic"]
+    failed = [part for part in parts if not part["success"]]
+    loose = [part for part in parts if part["success"] and not part["feasible"]]
+    key = "operation.driver_speed"
+    if not failed and not loose:
+        gave_up = "the branch could not be followed to an end of the range; the points found remain"
+        return "" if document["success"] else str(FileError(path, key, gave_up))
+    first = (failed or loose)[0]
+    rpm = first["driver_speed"] * RPM
+    count = "" if len(parts) == 1 else f" ({len(failed or loose)} of {len(parts)} speeds)"
+    reason = first["failure"] or (
+        "a span goes slack or a pulley slips during the motion; the warnings say which"
+    )
+    return str(FileError(path, key, f"at {rpm:g} rpm{count}: {reason}"))
+
+
+def _speeds(
+    path: str | os.PathLike[str], drive: Drive, point: OperatingPoint, text: str | None
+) -> np.ndarray:
+    if text is None:
+        radius = float(drive.drives @ drive.radii)
+        speeds = np.array([float(point.speed(drive)) / radius])
+        if not speeds[0] > 0:
+            raise FileError(path, "operation", "the drive stands still; give --speeds")
+        return speeds
+    speeds = read_option("--speeds", lambda: read_points(text, "rad/s", _POINTS))
+    if not speeds[0] > 0:
+        raise FileError("--speeds", "", f"found {text!r}; begin above 0")
+    return speeds
+
+
+def _orders(
+    path: str | os.PathLike[str], drive: Drive, point: OperatingPoint, given: PeriodicOptions
+) -> Orders:
+    """The command's excitation; the file's where the command names none."""
+    single = given.crank is not None or bool(given.torques)
+    if given.orders is not None:
+        if single or given.order is not None:
+            raise FileError("--orders", "", "stands beside --crank, --torque or --order; give one")
+        text = given.orders
+        cranks = read_option("--orders", lambda: read_excited_orders(text))
+        if not any(cranks.values()):
+            raise FileError("--orders", "", f"found {text!r}; give an amplitude above 0")
+        excitations = {order: Excitation(crank=crank) for order, crank in cranks.items()}
+        return read_option("--orders", lambda: Orders(excitations))
+    if single:
+        crank, torques = commanded(drive, given.crank, given.torques)
+        if not (crank or any(torques.values())):
+            raise FileError("--crank", "", "nothing is excited; give an amplitude above 0")
+        order = _order(point, given)
+        return read_option("--order", lambda: Orders({order: Excitation(crank, torques)}))
+    if point.excitation is None:
+        message = "is not excited; give --crank, --orders, --torque NAME=AMPLITUDE or [excitation]"
+        raise FileError(path, "", message)
+    file = point.excitation
+    if given.order is not None:
+        if file.orders:
+            raise FileError(
+                "--order", "", "is one, and excitation.orders are several; leave it out"
+            )
+        file = dataclasses.replace(file, order=given.order)
+    try:
+        return orders_of(file)
+    except ValueError as error:
+        raise FileError(path, "excitation", str(error)) from error
+
+
+def _order(point: OperatingPoint, given: PeriodicOptions) -> float:
+    if given.order is not None:
+        return given.order
+    file = point.excitation
+    return ORDER if file is None or file.order is None else float(file.order)
+
+
+def periodic_document(
+    drive: Drive,
+    given: PeriodicOptions,
+    orders: Orders,
+    speeds: np.ndarray,
+    found: Sequence[PeriodicResponse],
+) -> dict[str, Any]:
+    """The motions, by speed; numbers of a motion that was not found are null."""
+    parts = [_motion(drive, float(speed), one) for speed, one in zip(speeds, found, strict=True)]
+    return {
+        "drive": drive.name,
+        "model": model_flags(drive),
+        "success": all(part["success"] for part in parts),
+        "feasible": all(part["feasible"] for part in parts),
+        "warnings": periodic_warnings(drive, speeds, found),
+        "orders": sorted(orders.excitations),
+        "harmonics": given.harmonics,
+        "functions": given.functions,
+        "periodic": parts,
+    }
+
+
+def _motion(drive: Drive, speed: float, found: PeriodicResponse) -> dict[str, Any]:
+    good, m = bool(succeeded(found.result)), found.measures
+
+    def listed(names: Sequence[str], **columns: Any) -> list[dict[str, Any]]:
+        values = {
+            key: np.where(good, np.asarray(column), np.nan) for key, column in columns.items()
+        }
+        return [
+            {"name": name} | {key: plain(column[k]) for key, column in values.items()}
+            for k, name in enumerate(names)
+        ]
+
+    floquet = np.asarray(found.multipliers).tolist() if good else []
+    friction = [pulley.friction is not None for pulley in drive.pulleys]
+    coordinates = listed(
+        [body.name for body in drive.tensioners],
+        peak_to_peak=m.travels,
+        mean=m.mean_motions,
+        friction_work=m.friction_work,
+    )
+    for one, body in zip(coordinates, drive.tensioners, strict=True):
+        one["kind"] = kind_of(body)
+    # Without a clutch none is asked for.
+    opened = m.open_fractions if len(m.open_fractions) else np.zeros(len(drive.isolators))
+    tight = good and bool(np.min(m.tension_min) >= 0)
+    return {
+        "driver_speed": speed,
+        "period": plain(found.period),
+        "stable": good and bool(found.stable),
+        "multipliers": [[complex(one).real, complex(one).imag] for one in floquet],
+        "pulleys": listed(
+            drive.pulley_names,
+            rotation_amplitude=m.rotation_amplitudes,
+            hub_rotation_amplitude=m.hub_rotation_amplitudes,
+            hub_load_max=m.hub_load_max,
+            friction_use_max=np.where(friction, found.friction_use, np.nan),
+        ),
+        "spans": listed(
+            drive.span_names,
+            tension_min=m.tension_min,
+            tension_max=m.tension_max,
+            peak_deflection=m.span_peaks,
+            slope_max=m.slope_max,
+            slack_fraction=m.slack_fractions,
+        ),
+        "coordinates": coordinates,
+        "isolators": listed([part.name for part in drive.isolators], open_fraction=opened),
+        "residual": plain(found.stats["residual"]) if good else None,
+        "harmonics_error": plain(found.error) if good else None,
+        "conditioning": plain(found.conditioning) if good else None,
+        "feasible": tight and bool(np.max(found.friction_use) <= 1),
+        "success": good,
+        "failure": explanation(found.result) or None,
+    }
+
+
+def periodic_tables(document: dict[str, Any], units: TableUnits) -> Group:
+    """Every part at one speed; over a range the worst of all parts at each speed."""
+    parts = document["periodic"]
+    lines = warning_lines(document)
+    if len(parts) > 1:
+        turns = [
+            f"{what} at {', '.join(f'{speed * RPM:.1f}' for speed in document[key])} rpm"
+            for what, key in (("folds", "folds"), ("period doubles", "flips"))
+            if document[key]
+        ]
+        return Group(*lines, _over_speeds(document, units), *turns)
+    return Group(*lines, *_at_one_speed(titled(document), parts[0], units))
+
+
+def _at_one_speed(what: str, part: dict[str, Any], units: TableUnits) -> list[Table | str]:
+    if not part["success"]:
+        return [part["failure"]]
+    title = escape(f"{what}: periodic motion at {part['driver_speed'] * RPM:.5g} rpm")
+    pulleys = plain_table(
+        title, "pulley", units.head("rim, half p-p", "rad"), units.head("hub", "rad"),
+        units.head("hub load", "N"), "friction used",
+    )  # fmt: skip
+    for one in part["pulleys"]:
+        turned = (units.text(one[key], "rad", 4) for key in _ROTATIONS)
+        load, use = units.text(one["hub_load_max"], "N", 1), number(one["friction_use_max"], 3)
+        pulleys.add_row(escape(one["name"]), *turned, load, use)
+    spans = plain_table(
+        "", "span", units.head("least", "N"), units.head("greatest tension", "N"),
+        units.head("deflection", "m"), "slack",
+    )  # fmt: skip
+    for one in part["spans"]:
+        tensions = (units.text(one[key], "N", 1) for key in ("tension_min", "tension_max"))
+        peak, slack = units.text(one["peak_deflection"], "m", 3), number(one["slack_fraction"], 3)
+        spans.add_row(escape(one["name"]), *tensions, peak, slack)
+    tables: list[Table | str] = [pulleys, spans]
+    if part["coordinates"]:
+        bodies = plain_table("", "tensioner", "peak to peak", "mean", "unit")
+        for one in part["coordinates"]:
+            unit = _UNITS[one["kind"]]
+            motions = (units.text(one[key], unit, 4) for key in ("peak_to_peak", "mean"))
+            bodies.add_row(escape(one["name"]), *motions, units.name(unit))
+        tables.append(bodies)
+    largest = np.hypot(*part["multipliers"][0])
+    word = "stable" if part["stable"] else "unstable"
+    return [*tables, f"{word}: the largest Floquet multiplier is {largest:.4f}"]
+
+
+_ROTATIONS = "rotation_amplitude", "hub_rotation_amplitude"
+_UNITS = {"rotary": "rad", "linear": "m"}
+
+
+def _over_speeds(document: dict[str, Any], units: TableUnits) -> Table:
+    bodies = document["periodic"][0]["coordinates"]
+    moved = [units.head(f"{one['name']} p-p", _UNITS[one["kind"]]) for one in bodies]
+    table = plain_table(
+        escape(f"{titled(document)}: periodic motion over the driver's speed"),
+        "rpm", *map(escape, moved), units.head("least tension", "N"),
+        units.head("greatest", "N"), units.head("deflection", "m"), "multiplier",
+    )  # fmt: skip
+    for part in document["periodic"]:
+        rpm = f"{part['driver_speed'] * RPM:.1f}"
+        if not part["success"]:
+            table.add_row(rpm, *["-"] * (len(moved) + 4))
+            continue
+        spans = part["spans"]
+        table.add_row(
+            rpm,
+            *(
+                units.text(one["peak_to_peak"], _UNITS[one["kind"]], 4)
+                for one in part["coordinates"]
+            ),
+            units.text(min(one["tension_min"] for one in spans), "N", 1),
+            units.text(max(one["tension_max"] for one in spans), "N", 1),
+            units.text(max(one["peak_deflection"] for one in spans), "m", 3),
+            f"{np.hypot(*part['multipliers'][0]):.4f}",
+        )
+    return table

@@ -1,0 +1,362 @@
+"""Periodic orbits of M z'' + C z' + K z + f(z, z', tau) = 0 with tau = w t, and their stability.
+
+Harmonic balance with the force f evaluated in time (T. M. Cameron and J. H. Griffin, 1989): the
+coordinates are Fourier series of `harmonics` terms, and f is projected from samples over a period.
+Coefficients are [2 harmonics + 1, size]: the mean, then cosine and sine of each harmonic.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Complex, Float, Int
+
+from beltjax.compiling.batched_loops import in_lanes_of
+from beltjax.numerics.derivative_rules import without_derivative
+
+Scalar = Float[Array, ""]
+State = Float[Array, " size"]
+Matrix = Float[Array, "size size"]
+Coefficients = Float[Array, "terms size"]
+
+
+class Oscillator(NamedTuple):
+    """A system whose force has the period 2 pi in tau, at one angular frequency."""
+
+    mass: Matrix
+    damping: Matrix
+    stiffness: Matrix
+    frequency: Scalar  # w
+    force: Callable[[State, State, Scalar], State]  # of z, z' and tau
+
+
+class Orbit(NamedTuple):
+    """Where the search for an orbit ended, and the evidence."""
+
+    coefficients: Coefficients
+    step: Scalar  # last correction over the size of the coefficients
+    converged: Bool[Array, ""]
+    steps: Int[Array, ""]  # matrices factored
+    conditioning: Scalar  # least singular value of the scaled Jacobian, estimated
+
+
+def series(phase: Array, harmonics: int) -> Float[Array, "*phases terms"]:
+    """1, cos tau, sin tau, .., of a phase or of many."""
+    angles = phase[..., None] * np.arange(1, harmonics + 1)
+    waves = jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=-1)
+    return jnp.concatenate([jnp.ones_like(phase)[..., None], waves.reshape(*phase.shape, -1)], -1)
+
+
+def derived(coefficients: Coefficients) -> Coefficients:
+    """Coefficients of the derivative by tau."""
+    cosines, sines = coefficients[1::2], coefficients[2::2]
+    order = np.arange(1, len(cosines) + 1)[:, None]
+    turned = jnp.stack([order * sines, -order * cosines], axis=1)
+    return jnp.concatenate([jnp.zeros_like(coefficients[:1]), turned.reshape(-1, cosines.shape[1])])
+
+
+class _Sampling(NamedTuple):
+    """Values at equal phases from coefficients, and back; constants."""
+
+    phases: Float[np.ndarray, " samples"]
+    values: Float[np.ndarray, "samples terms"]
+    rates: Float[np.ndarray, "samples terms"]  # of the derivative by tau
+    project: Float[np.ndarray, "terms samples"]
+    turn: Float[np.ndarray, "terms terms"]  # the derivative by tau
+
+
+def _sampling(harmonics: int, samples: int) -> _Sampling:
+    phases = 2 * np.pi * np.arange(samples) / samples
+    angles = phases[:, None] * np.arange(1, harmonics + 1)
+    waves = np.stack([np.cos(angles), np.sin(angles)], axis=-1).reshape(samples, -1)
+    values = np.concatenate([np.ones((samples, 1)), waves], axis=1)
+    turn = np.zeros((2 * harmonics + 1,) * 2)
+    order = np.arange(1, harmonics + 1)
+    turn[2 * order - 1, 2 * order], turn[2 * order, 2 * order - 1] = order, -order
+    weights = np.append(1.0, np.full(2 * harmonics, 2.0)) / samples
+    return _Sampling(phases, values, values @ turn, (values * weights).T, turn)
+
+
+def residual(system: Oscillator, X: Coefficients, samples: int) -> Coefficients:
+    """Coefficients of the equations of motion for the motion with coefficients X."""
+    of, w = _sampling(len(X) // 2, samples), system.frequency
+    rate = w * (of.turn @ X)
+    points = jnp.asarray(of.values @ X), w * (of.rates @ X), jnp.asarray(of.phases)
+    force = jax.vmap(system.force)(*points)
+    linear = w * (of.turn @ rate) @ system.mass.T + rate @ system.damping.T
+    return linear + X @ system.stiffness.T + of.project @ force
+
+
+def jacobian(
+    system: Oscillator, X: Coefficients, samples: int
+) -> Float[Array, "unknowns unknowns"]:
+    """Derivative of `residual` by X, both flat."""
+    of, w = _sampling(len(X) // 2, samples), system.frequency
+    terms, size = X.shape
+    # One product serves all: first the parts of the matrices, then the tangents at the samples.
+    constant = [np.eye(terms)[None], w * of.turn[None], w**2 * (of.turn @ of.turn)[None]]
+    parts = [system.stiffness[None], system.damping[None], system.mass[None]]
+    tangents = jax.vmap(jax.jacfwd(system.force, (0, 1)))(
+        of.values @ X, w * (of.rates @ X), jnp.asarray(of.phases)
+    )
+    for values, part in zip((of.values, w * of.rates), tangents, strict=True):
+        constant.append(of.project.T[:, :, None] * values[:, None, :])
+        parts.append(part)
+    outer = jnp.concatenate(constant).reshape(-1, terms**2)
+    inner = jnp.concatenate(parts).reshape(-1, size**2)
+    whole = (outer.T @ inner).reshape(terms, terms, size, size)
+    return whole.transpose(0, 2, 1, 3).reshape(terms * size, -1)
+
+
+class _Eliminated(NamedTuple):
+    """A matrix taken apart, for many solutions."""
+
+    lu: Float[Array, "n n"]
+    pivots: Int[Array, " n"]
+
+    def solve(self, right: Float[Array, " n"], transposed: bool = False) -> Float[Array, " n"]:
+        """The solution for one right side."""
+        return jax.scipy.linalg.lu_solve(self, right, trans=1 if transposed else 0)
+
+
+def _factored(matrix: Float[Array, "n n"]) -> _Eliminated:
+    return _Eliminated(*jax.scipy.linalg.lu_factor(matrix))
+
+
+class _Newton(NamedTuple):
+    """Where Newton's method ended."""
+
+    root: Float[Array, " n"]
+    first: Float[Array, " n"]  # after the first step
+    step: Scalar  # length of the last correction over that of the root
+    converged: Bool[Array, ""]
+    steps: Int[Array, ""]  # matrices factored
+
+
+_LEAST_PART = 1 / 8  # of a step
+_QUICK = 0.3  # what a correction with old factors leaves of the one before
+_SMALLEST_LOAD = 1 / 64
+_FARTHEST = 0.5
+_TINY = 1e-300
+
+
+def _newton(
+    equations: Callable[[Array], Array],
+    matrix: Callable[[Array], Array],
+    guess: Float[Array, " n"],
+    tol: float,
+    max_steps: int,
+) -> _Newton:
+    """A root near `guess`, by steps that the test of `roots.system_root` damps.
+
+    After a full step the same factors serve for further ones as long as they shorten quickly, since
+    a matrix costs far more than a correction.
+    """
+
+    def small(correction: Array, x: Array) -> Bool[Array, ""]:
+        return jnp.linalg.norm(correction) <= tol * jnp.linalg.norm(x + correction)
+
+    def body(state: tuple[Any, ...]) -> tuple[Any, ...]:
+        x, first, _, _, _, steps = state
+        factors = _factored(matrix(x))
+
+        def correction(x: Array) -> Array:
+            return -factors.solve(equations(x))
+
+        def useless(trial: tuple[Array, Array]) -> Bool[Array, ""]:
+            part, left = trial
+            allowed = (1 - part / 4) * jnp.linalg.norm(step)
+            shorter = (jnp.linalg.norm(left) <= allowed) | small(step, x)
+            return (part >= _LEAST_PART) & ~shorter
+
+        def damped(trial: tuple[Array, Array]) -> tuple[Array, Array]:
+            part = trial[0] / 2
+            return part, correction(x + part * step)
+
+        def quick(trial: tuple[Array, Array, Array]) -> Bool[Array, ""]:
+            x, left, before = trial
+            return ~small(left, x) & (jnp.linalg.norm(left) <= _QUICK * before)
+
+        def again(trial: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+            x, left, _ = trial
+            return x + left, correction(x + left), jnp.linalg.norm(left)
+
+        step = correction(x)
+        first = jnp.where(steps == 0, x + step, first)
+        part, left = jax.lax.while_loop(useless, damped, (jnp.ones(()), correction(x + step)))
+        good = part >= _LEAST_PART
+        before = jnp.where(part == 1, jnp.linalg.norm(step), 0.0)
+        x, left, _ = jax.lax.while_loop(quick, again, (x + part * step, left, before))
+        done = good & small(left, x)
+        relative = jnp.linalg.norm(left) / (jnp.linalg.norm(x) + _TINY)
+        return jnp.where(done, x + left, x), first, relative, done, good, steps + 1
+
+    def unfinished(state: tuple[Any, ...]) -> Bool[Array, ""]:
+        _, _, _, done, good, steps = state
+        return ~done & good & (steps < max_steps)
+
+    yes, no = jnp.array(True), jnp.array(False)
+    start = (guess, guess, jnp.array(jnp.inf), no, yes, jnp.array(0))
+    x, first, step, done, _, steps = jax.lax.while_loop(unfinished, body, in_lanes_of(guess, start))
+    return _Newton(x, first, step, done & jnp.all(jnp.isfinite(x)), steps)
+
+
+def _followed(
+    at_load: Callable[[Scalar], Oscillator],
+    guess: Coefficients,
+    samples: int,
+    tol: float,
+    max_steps: int,
+) -> tuple[Coefficients, _Newton, Scalar]:
+    """The orbit at load 1: at once if it is close to the first correction, else by loads from 0.
+
+    Newton's method from afar may end at another orbit than the one that grows from rest. A root
+    farther from the first correction than half its size is therefore not taken, and the load
+    is halved.
+    """
+    shape = guess.shape
+
+    def attempt(load: Scalar, x: Array) -> _Newton:
+        system = at_load(load)
+        return _newton(
+            lambda x: residual(system, x.reshape(shape), samples).ravel(),
+            lambda x: jacobian(system, x.reshape(shape), samples),
+            x,
+            tol,
+            max_steps,
+        )
+
+    def body(state: tuple[Any, ...]) -> tuple[Any, ...]:
+        x, load, step, _, steps = state
+        stretch = jnp.where(load > 0, (load + step) / jnp.where(load > 0, load, 1.0), 1.0)
+        found = attempt(load + step, stretch * x)
+        reach = _FARTHEST * jnp.linalg.norm(found.root)
+        good = found.converged & (jnp.linalg.norm(found.root - found.first) <= reach)
+        x, load = jnp.where(good, found.root, x), jnp.where(good, load + step, load)
+        step = jnp.minimum(jnp.where(good, 2 * step, step / 2), 1 - load)
+        return x, load, step, found, steps + found.steps
+
+    def unfinished(state: tuple[Any, ...]) -> Bool[Array, ""]:
+        _, load, step, *_ = state
+        return (load < 1) & (step >= _SMALLEST_LOAD)
+
+    flat = guess.ravel()
+    nothing = _Newton(flat, flat, jnp.array(jnp.inf), jnp.array(False), jnp.array(0))
+    start = (flat, jnp.zeros(()), jnp.ones(()), nothing, jnp.array(0))
+    x, load, _, last, steps = jax.lax.while_loop(unfinished, body, in_lanes_of(flat, start))
+    return x.reshape(shape), last._replace(converged=load >= 1, steps=steps), load
+
+
+def periodic_orbit(
+    system: Callable[[Any, Scalar], Oscillator],
+    args: Any,
+    harmonics: int,
+    samples: int,
+    *,
+    tol: float = 1e-9,
+    max_steps: int = 12,
+) -> Orbit:
+    """The periodic orbit of `system(args, load)` at load 1 that grows from rest at load 0.
+
+    Its derivatives are those of the converged equations by `args`. A failed search gives zeros.
+    """
+    fixed = jax.lax.stop_gradient(args)
+    still = jnp.zeros((2 * harmonics + 1, len(system(fixed, jnp.ones(())).mass)))
+    found, end, _ = _followed(lambda load: system(fixed, load), still, samples, tol, max_steps)
+    found = jnp.where(end.converged, found, 0.0)
+    last = system(fixed, jnp.ones(()))
+    factors = _factored(jacobian(last, found, samples))
+    # The factors that the derivatives need serve for one more correction.
+    left = factors.solve(residual(last, found, samples).ravel()).reshape(still.shape)
+    found, factors = jax.lax.stop_gradient((jnp.where(end.converged, found - left, 0.0), factors))
+
+    def keep(_: Any, start: Coefficients) -> Coefficients:
+        return start
+
+    def solve(_: Any, right: Coefficients) -> Coefficients:
+        return factors.solve(right.ravel()).reshape(right.shape)
+
+    coefficients = jax.lax.custom_root(
+        lambda X: residual(system(args, jnp.ones(())), X, samples), found, keep, solve
+    )
+    conditioning = _conditioning(last, len(still), factors)
+    return Orbit(coefficients, end.step, end.converged, end.steps, conditioning)
+
+
+def known_orbit(system: Oscillator, X: Coefficients, samples: int) -> Orbit:
+    """The evidence of an orbit that is found already; it has no derivatives."""
+    factors = _factored(jacobian(system, X, samples))
+    left = factors.solve(residual(system, X, samples).ravel())
+    step = jnp.linalg.norm(left) / (jnp.linalg.norm(X) + _TINY)
+    yes, none = jnp.array(True), jnp.array(0)
+    return Orbit(X, step, yes, none, _conditioning(system, len(X), factors))
+
+
+def _conditioning(system: Oscillator, terms: int, factors: _Eliminated) -> Scalar:
+    """Least singular value of the Jacobian over the stiffness and inertia of each coordinate.
+
+    By inverse iteration. It vanishes at a fold.
+    """
+    squares = (np.arange(1, terms + 1) // 2)[:, None] ** 2 * system.frequency**2
+    unit = jnp.sqrt(jnp.diag(system.stiffness) + squares * jnp.diag(system.mass)).ravel()
+
+    def improve(_: Array, state: tuple[Array, Array]) -> tuple[Array, Array]:
+        x, _ = state
+        y = unit * factors.solve(unit * x)
+        z = unit * factors.solve(unit * y, transposed=True)
+        size = jnp.linalg.norm(z)
+        return z / size, size
+
+    start = jnp.cos(jnp.arange(unit.size) * 1.0), jnp.ones(())
+    _, size = jax.lax.fori_loop(0, 6, improve, in_lanes_of(unit, start))
+    return 1 / jnp.sqrt(size)
+
+
+_A = np.array([[1 / 4, 1 / 4 - np.sqrt(3) / 6], [1 / 4 + np.sqrt(3) / 6, 1 / 4]])  # Gauss, 2 stages
+
+
+def monodromy(system: Oscillator, X: Coefficients, steps: int) -> Float[Array, "states states"]:
+    """What a period makes of a small disturbance of (z, z') of an orbit.
+
+    By Gauss's implicit method of two stages, whose order is 4 and which neither damps nor excites.
+    """
+    size, w = X.shape[1], system.frequency
+    h = 2 * np.pi / steps / w
+    nodes = jnp.asarray(_A.sum(axis=1))
+    second = _A @ _A
+    unit, none = jnp.eye(size), jnp.zeros((size, size))
+    rate = w * derived(X)
+
+    def tangents(phase: Scalar) -> tuple[Matrix, Matrix]:
+        of = series(phase, len(X) // 2)
+        by_z, by_rate = jax.jacfwd(system.force, (0, 1))(of @ X, of @ rate, phase)
+        return system.stiffness + by_z, system.damping + by_rate
+
+    def advance(product: Array, step: Array) -> tuple[Array, None]:
+        K, C = jax.vmap(tangents)(2 * np.pi / steps * (step + nodes))
+        # Unknown are the accelerations at both stages.
+        left = jnp.einsum("ij,ab->iajb", np.eye(2), system.mass)
+        left = left + h * jnp.einsum("ij,iab->iajb", _A, C)
+        left = left + h**2 * jnp.einsum("ij,iab->iajb", second, K)
+        right = -jnp.concatenate([K, C + h * nodes[:, None, None] * K], axis=2)
+        solved = jnp.linalg.solve(
+            left.reshape(2 * size, 2 * size), right.reshape(2 * size, 2 * size)
+        ).reshape(2, size, 2 * size)
+        position = jnp.concatenate([unit, h * unit], axis=1)
+        position = position + h**2 * jnp.tensordot(_A.sum(axis=0) / 2, solved, 1)
+        velocity = jnp.concatenate([none, unit], axis=1) + h / 2 * jnp.sum(solved, axis=0)
+        return jnp.concatenate([position, velocity]) @ product, None
+
+    product, _ = jax.lax.scan(advance, in_lanes_of(X, jnp.eye(2 * size)), jnp.arange(steps))
+    return product
+
+
+def multipliers(
+    system: Callable[[Any, Scalar], Oscillator], args: Any, X: Coefficients, steps: int = 200
+) -> Complex[Array, " states"]:
+    """Floquet multipliers of an orbit, the largest first; their derivatives are NaN."""
+    fixed, orbit = jax.lax.stop_gradient((args, X))
+    found = jnp.linalg.eigvals(monodromy(system(fixed, jnp.ones(())), orbit, steps))
+    return found[jnp.argsort(-jnp.abs(found))] + without_derivative(0.0 * jnp.sum(X))
