@@ -48,9 +48,11 @@ class Found(NamedTuple):
 def analyses(count: int) -> Found:
     """States and modes of one drive after the other."""
     drive, point = bj.load_drive(DRIVE)
+    assert drive.tensioner is not None
+    nominal = drive.tensioner.stiffness
 
     def ask(k: int) -> np.ndarray:
-        stiffness = drive.tensioner.stiffness * (1 + 1e-4 * k)
+        stiffness = nominal * (1 + 1e-4 * k)
         other = eqx.tree_at(lambda d: d.tensioner.stiffness, drive, stiffness)
         lin = bj.linearize(bj.steady_state(other, point), bj.Legendre(12))
         return np.asarray(bj.modes(lin, 4).frequencies)
@@ -78,7 +80,7 @@ def problems(count: int) -> Found:
 
 def held(ask: Callable[[int], np.ndarray], count: int) -> Found:
     """Memory over `count` calls; the last question is that of the first call, too."""
-    first = ask(count - 1)
+    first = last = ask(count - 1)
     early = 0.0
     for k in range(count):
         last = ask(k)
