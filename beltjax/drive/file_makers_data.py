@@ -231,10 +231,13 @@ def _along_neutral_axis(
             raise FileError(path, key, message)
         return value * _of_belt(belt, "pitch", path)
     length = _length(value, key, path)
+    if kind == "pitch":
+        return length
+    if belt.get("crossed") is True:
+        message = f"found {shown(value)}; a crossed belt has no effective length of its own"
+        raise FileError(path, key, f"{message}; give {{ pitch = .. }}, along its neutral axis")
     # The belt turns once round, so that the neutral axis is longer by one turn of the offset.
-    return (
-        length + 2 * math.pi * _of_belt(belt, OFFSETS[0], path) if kind == "effective" else length
-    )
+    return length + 2 * math.pi * _of_belt(belt, OFFSETS[0], path)
 
 
 def _label(belt: dict[str, Any]) -> str:

@@ -95,9 +95,14 @@ def test_a_saved_file_has_the_same_belt(tmp_path):
         ("crossed = true\n", "", r"both 'grooved', and belt\.crossed = true if it shall"),
         ("crossed = true", "crossed = 1", r"belt\.crossed: found 1; give"),
         ("crossed = true", "crosed = true", r"belt\.crosed: is not a known key; did you mean 'crossed'"),
+        (
+            "crossed = true",
+            'crossed = true\npitch_offset = "2 mm"\nstandard_lengths = { effective = [4.7] }',
+            r"effective.*: found 4\.7; a crossed belt has no effective length of its own; give \{ pitch",
+        ),
         ("[1.2, 0.9]", "[0.4, 0.3]", r"pulley\.shaft\.center: (overlaps|span motor-shaft has no tangent)"),
     ],
-    ids=["not said", "number", "near", "overlap"],
+    ids=["not said", "number", "near", "effective", "overlap"],
 )  # fmt: skip
 def test_what_does_not_fit_is_one_line(tmp_path, old, new, says):
     text = swap(CROSSED, old, new)
