@@ -54,7 +54,7 @@ def excited_at(drive, speed, forcing):
 def moved(drive, speed, forcing, samples):
     """Its orbit, extremes, the open part of the period and the multipliers."""
     excited, lin, whole, none = excited_at(drive, speed, forcing)
-    orbit = periodic_orbit(oscillator, excited, len(forcing.crank) - 1, samples)
+    orbit = periodic_orbit(oscillator, excited, len(forcing.crank) - 1, samples, past_folds=True)
     coefficients = widened(none, orbit.coefficients)
     signals = Signals(lin, whole, coefficients, excited.driver, excited.frequency)
     found = measures(signals, samples)

@@ -15,7 +15,7 @@ from beltjax.analysis.steady import SteadyState
 from beltjax.drive.layout import belt_path, outline
 from beltjax.drive.shafts import rotors
 from beltjax.drive.system import Drive
-from beltjax.numerics.periodic import Oscillator, derived, series
+from beltjax.numerics.harmonic_balance import Oscillator, derived, series
 from beltjax.physics.joints import Joints
 from beltjax.physics.motion import (
     MotionModel,

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int
 
 from beltjax.analysis.linearization import Linearization
 from beltjax.drive.readable import Readable
-from beltjax.numerics.periodic import Coefficients, derived, series
+from beltjax.numerics.harmonic_balance import Coefficients, derived, series
 from beltjax.numerics.roots import solve_dense
 from beltjax.physics.motion import MotionModel, dry_friction, strains
 

@@ -289,7 +289,11 @@ def prepared(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> Prepare
 def _periodic(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> PeriodicResponse:
     made = prepared(drive, point, asked)
     harmonics = len(asked.forcing.crank) - 1
-    return described(made, periodic_orbit(oscillator, made.excited, harmonics, made.samples))
+    # An opening clutch softens the drive so much that the branch from rest folds.
+    orbit = periodic_orbit(
+        oscillator, made.excited, harmonics, made.samples, past_folds=asked.loose
+    )
+    return described(made, orbit)
 
 
 def described(made: Prepared, orbit: Orbit) -> PeriodicResponse:

@@ -26,7 +26,8 @@ from beltjax.drive.numbers import canonical_key, require_number, unit_of, with_n
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis
-from beltjax.numerics.periodic import Coefficients, Oscillator, known_orbit, periodic_orbit
+from beltjax.numerics.harmonic_balance import Coefficients, Oscillator
+from beltjax.numerics.periodic import known_orbit, periodic_orbit
 from beltjax.numerics.periodic_branch import (
     Corrected,
     Units,
@@ -180,7 +181,9 @@ def _first(
     """Coefficients of the motion that grows from rest."""
     made = _made(drive, point, name, asked, value)
     harmonics = len(asked.forcing.crank) - 1
-    orbit = periodic_orbit(oscillator, made.excited, harmonics, asked.samples)
+    orbit = periodic_orbit(
+        oscillator, made.excited, harmonics, asked.samples, past_folds=asked.loose
+    )
     missed = RESULTS.where(orbit.converged, RESULTS.successful, RESULTS.orbit_not_found)
     good = made.result == RESULTS.successful
     return orbit.coefficients, RESULTS.where(good, missed, made.result)

@@ -1,8 +1,6 @@
 """Periodic orbits of M z'' + C z' + K z + f(z, z', tau) = 0 with tau = w t, and their stability.
 
-Harmonic balance with the force f evaluated in time (T. M. Cameron and J. H. Griffin, 1989): the
-coordinates are Fourier series of `harmonics` terms, and f is projected from samples over a period.
-Coefficients are [2 harmonics + 1, size]: the mean, then cosine and sine of each harmonic.
+By harmonic balance, from rest at load 0; past folds of the load by arc length where that is asked.
 """
 
 from collections.abc import Callable
@@ -15,21 +13,17 @@ from jaxtyping import Array, Bool, Complex, Float, Int
 
 from beltjax.compiling.batched_loops import in_lanes_of
 from beltjax.numerics.derivative_rules import without_derivative
-
-Scalar = Float[Array, ""]
-State = Float[Array, " size"]
-Matrix = Float[Array, "size size"]
-Coefficients = Float[Array, "terms size"]
-
-
-class Oscillator(NamedTuple):
-    """A system whose force has the period 2 pi in tau, at one angular frequency."""
-
-    mass: Matrix
-    damping: Matrix
-    stiffness: Matrix
-    frequency: Scalar  # w
-    force: Callable[[State, State, Scalar], State]  # of z, z' and tau
+from beltjax.numerics.harmonic_balance import (
+    Coefficients,
+    Matrix,
+    Oscillator,
+    Scalar,
+    derived,
+    jacobian,
+    residual,
+    series,
+)
+from beltjax.numerics.periodic_branch import Point, Units, corrected, start_of
 
 
 class Orbit(NamedTuple):
@@ -40,74 +34,6 @@ class Orbit(NamedTuple):
     converged: Bool[Array, ""]
     steps: Int[Array, ""]  # matrices factored
     conditioning: Scalar  # least singular value of the scaled Jacobian, estimated
-
-
-def series(phase: Array, harmonics: int) -> Float[Array, "*phases terms"]:
-    """1, cos tau, sin tau, .., of a phase or of many."""
-    angles = phase[..., None] * np.arange(1, harmonics + 1)
-    waves = jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=-1)
-    return jnp.concatenate([jnp.ones_like(phase)[..., None], waves.reshape(*phase.shape, -1)], -1)
-
-
-def derived(coefficients: Coefficients) -> Coefficients:
-    """Coefficients of the derivative by tau."""
-    cosines, sines = coefficients[1::2], coefficients[2::2]
-    order = np.arange(1, len(cosines) + 1)[:, None]
-    turned = jnp.stack([order * sines, -order * cosines], axis=1)
-    return jnp.concatenate([jnp.zeros_like(coefficients[:1]), turned.reshape(-1, cosines.shape[1])])
-
-
-class _Sampling(NamedTuple):
-    """Values at equal phases from coefficients, and back; constants."""
-
-    phases: Float[np.ndarray, " samples"]
-    values: Float[np.ndarray, "samples terms"]
-    rates: Float[np.ndarray, "samples terms"]  # of the derivative by tau
-    project: Float[np.ndarray, "terms samples"]
-    turn: Float[np.ndarray, "terms terms"]  # the derivative by tau
-
-
-def _sampling(harmonics: int, samples: int) -> _Sampling:
-    phases = 2 * np.pi * np.arange(samples) / samples
-    angles = phases[:, None] * np.arange(1, harmonics + 1)
-    waves = np.stack([np.cos(angles), np.sin(angles)], axis=-1).reshape(samples, -1)
-    values = np.concatenate([np.ones((samples, 1)), waves], axis=1)
-    turn = np.zeros((2 * harmonics + 1,) * 2)
-    order = np.arange(1, harmonics + 1)
-    turn[2 * order - 1, 2 * order], turn[2 * order, 2 * order - 1] = order, -order
-    weights = np.append(1.0, np.full(2 * harmonics, 2.0)) / samples
-    return _Sampling(phases, values, values @ turn, (values * weights).T, turn)
-
-
-def residual(system: Oscillator, X: Coefficients, samples: int) -> Coefficients:
-    """Coefficients of the equations of motion for the motion with coefficients X."""
-    of, w = _sampling(len(X) // 2, samples), system.frequency
-    rate = w * (of.turn @ X)
-    points = jnp.asarray(of.values @ X), w * (of.rates @ X), jnp.asarray(of.phases)
-    force = jax.vmap(system.force)(*points)
-    linear = w * (of.turn @ rate) @ system.mass.T + rate @ system.damping.T
-    return linear + X @ system.stiffness.T + of.project @ force
-
-
-def jacobian(
-    system: Oscillator, X: Coefficients, samples: int
-) -> Float[Array, "unknowns unknowns"]:
-    """Derivative of `residual` by X, both flat."""
-    of, w = _sampling(len(X) // 2, samples), system.frequency
-    terms, size = X.shape
-    # One product serves all: first the parts of the matrices, then the tangents at the samples.
-    constant = [np.eye(terms)[None], w * of.turn[None], w**2 * (of.turn @ of.turn)[None]]
-    parts = [system.stiffness[None], system.damping[None], system.mass[None]]
-    tangents = jax.vmap(jax.jacfwd(system.force, (0, 1)))(
-        of.values @ X, w * (of.rates @ X), jnp.asarray(of.phases)
-    )
-    for values, part in zip((of.values, w * of.rates), tangents, strict=True):
-        constant.append(of.project.T[:, :, None] * values[:, None, :])
-        parts.append(part)
-    outer = jnp.concatenate(constant).reshape(-1, terms**2)
-    inner = jnp.concatenate(parts).reshape(-1, size**2)
-    whole = (outer.T @ inner).reshape(terms, terms, size, size)
-    return whole.transpose(0, 2, 1, 3).reshape(terms * size, -1)
 
 
 class _Eliminated(NamedTuple):
@@ -249,22 +175,114 @@ def _followed(
     return x.reshape(shape), last._replace(converged=load >= 1, steps=steps), load
 
 
+def _found_past_folds(
+    at_load: Callable[[Scalar], Oscillator],
+    found: Coefficients,
+    end: _Newton,
+    load: Scalar,
+    samples: int,
+    tol: float,
+    max_steps: int,
+) -> tuple[Coefficients, _Newton]:
+    """The orbit and the evidence, by arc length where the search did not come to load 1."""
+    walked, steps = _past_folds(at_load, found, load, samples, ~end.converged)
+    system, shape = at_load(jnp.ones(())), found.shape
+    last = _newton(
+        lambda x: residual(system, x.reshape(shape), samples).ravel(),
+        lambda x: jacobian(system, x.reshape(shape), samples),
+        walked.ravel(),
+        tol,
+        max_steps,
+    )
+    last = last._replace(steps=end.steps + steps + last.steps)
+    end = jax.tree.map(lambda a, b: jnp.where(end.converged, a, b), end, last)
+    return end.root.reshape(shape), end
+
+
+class _Path(NamedTuple):
+    """A walk by arc length, over the load."""
+
+    point: Point
+    step: Scalar
+    steps: Int[Array, ""]  # matrices factored
+    points: Int[Array, ""]
+
+
+def _past_folds(
+    at_load: Callable[[Scalar], Oscillator],
+    begin: Coefficients,
+    load: Scalar,
+    samples: int,
+    wanted: Bool[Array, ""],
+) -> tuple[Coefficients, Int[Array, ""]]:
+    """The first motion at load 1 on the branch on which `begin` lies at a smaller load.
+
+    Where the load turns back on the way from rest, no motion of load 1 is close to those before.
+    """
+    count, shape = begin.size, begin.shape
+    size = jnp.linalg.norm(begin)
+    units = Units(jnp.where(size > 0, size, 1.0), jnp.asarray(_LOAD_UNIT))
+
+    def correct(guess: Array, along: Array) -> Any:
+        return corrected(lambda _, load: at_load(load), None, units, samples, shape, guess, along)
+
+    def unfinished(path: _Path) -> Bool[Array, ""]:
+        short = path.point.place[count] * _LOAD_UNIT < 1
+        return wanted & short & (path.step >= _LEAST_WALK) & (path.points < _MOST_POINTS)
+
+    def walk(path: _Path) -> _Path:
+        here = path.point
+        # Onto load 1 exactly, where the next step would pass it.
+        rate = here.direction[count] * _LOAD_UNIT
+        left = 1 - here.place[count] * _LOAD_UNIT
+        near = (rate > 0) & (rate * path.step >= left)
+        onto = jnp.where(near, left / jnp.where(near, rate, 1.0), path.step)
+        across = jnp.where(near, jnp.zeros(count + 1).at[count].set(1.0), here.direction)
+        found = correct(here.place + onto * here.direction, across)
+        straight = found.point.direction @ here.direction > _STRAIGHT
+        good = found.converged & (straight | near)
+        point = jax.tree.map(lambda a, b: jnp.where(good, a, b), found.point, here)
+        easy = jnp.where(found.steps <= 4, jnp.minimum(1.4 * path.step, 1.0), path.step)
+        step = jnp.where(good, easy, path.step / 2)
+        return _Path(point, step, path.steps + found.steps, path.points + 1)
+
+    place = start_of(begin, load, units)
+    up = jnp.zeros_like(place).at[count].set(1.0)
+    start = _Path(Point(place, up), jnp.array(_FIRST_WALK), jnp.array(0), jnp.array(0))
+    end = jax.lax.while_loop(unfinished, walk, in_lanes_of(place, start))
+    return units.coefficients * end.point.place[:count].reshape(shape), end.steps
+
+
+_LOAD_UNIT = 0.1  # of the load, in arc length
+_FIRST_WALK, _LEAST_WALK, _MOST_POINTS = 0.05, 1e-4, 200
+_STRAIGHT = 0.85  # least cosine between directions that follow each other
+
+
 def periodic_orbit(
     system: Callable[[Any, Scalar], Oscillator],
     args: Any,
     harmonics: int,
     samples: int,
     *,
+    past_folds: bool = False,
     tol: float = 1e-9,
     max_steps: int = 12,
 ) -> Orbit:
     """The periodic orbit of `system(args, load)` at load 1 that grows from rest at load 0.
 
     Its derivatives are those of the converged equations by `args`. A failed search gives zeros.
+    With `past_folds` the branch from rest is followed also where the load turns back on it, at the
+    cost of more to compile.
     """
     fixed = jax.lax.stop_gradient(args)
     still = jnp.zeros((2 * harmonics + 1, len(system(fixed, jnp.ones(())).mass)))
-    found, end, _ = _followed(lambda load: system(fixed, load), still, samples, tol, max_steps)
+
+    def at_load(load: Scalar) -> Oscillator:
+        return system(fixed, load)
+
+    found, end, load = _followed(at_load, still, samples, tol, max_steps)
+    if past_folds:
+        found, end = _found_past_folds(at_load, found, end, load, samples, tol, max_steps)
     found = jnp.where(end.converged, found, 0.0)
     last = system(fixed, jnp.ones(()))
     factors = _factored(jacobian(last, found, samples))

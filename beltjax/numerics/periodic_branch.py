@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from beltjax.compiling.batched_loops import in_lanes_of
-from beltjax.numerics.periodic import Coefficients, Oscillator, jacobian, residual
+from beltjax.numerics.harmonic_balance import Coefficients, Oscillator, jacobian, residual
 
 Scalar = Float[Array, ""]
 Vector = Float[Array, " n"]

@@ -98,7 +98,7 @@ def _elsewhere(study: Study, begin: Starts, states: SequentialIterate) -> Sequen
         return states
     points = 1.0 - begin.points
     runs = [bool(at.found) for at in measured_at(study, begin, np.asarray(points)[stuck])]
-    anew = _with_rows(states.anew, stuck, np.full(len(stuck), RESTARTS + 1))
+    anew = _with_rows(np.asarray(states.anew), stuck, np.full(len(stuck), RESTARTS + 1))
     states, lanes = states._replace(anew=anew), stuck[np.array(runs)]
     rows = states.multipliers.shape[1]
     fresh = jax.device_get(quickly_compiled(_first_iterates)(points, rows))

@@ -9,7 +9,8 @@ import scipy.optimize
 import scipy.special
 
 from beltjax.compiling.quick import quickly_compiled
-from beltjax.numerics.periodic import Oscillator, monodromy, multipliers, periodic_orbit, series
+from beltjax.numerics.harmonic_balance import Oscillator, series
+from beltjax.numerics.periodic import monodromy, multipliers, periodic_orbit
 
 ONE = jnp.ones((1, 1))
 

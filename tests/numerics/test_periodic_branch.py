@@ -6,7 +6,8 @@ import pytest
 import scipy.optimize
 
 from beltjax.compiling.quick import quickly_compiled
-from beltjax.numerics.periodic import Oscillator, periodic_orbit
+from beltjax.numerics.harmonic_balance import Oscillator
+from beltjax.numerics.periodic import periodic_orbit
 from beltjax.numerics.periodic_branch import Units, corrected, start_of, walked
 
 ONE = jnp.ones((1, 1))
