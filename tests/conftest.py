@@ -1,3 +1,4 @@
+import gc
 import json
 import os
 import sys
@@ -40,6 +41,21 @@ STUDIES = (
 CONTACT = ("test_belt_law.py", "test_closed_belt.py")
 # These vibrate the drives of the examples.
 VIBRATION = ("test_modes.py", "test_sweep.py", "test_validity.py", "test_response.py")
+
+
+# Linux ends a process with more than 65,530 memory maps, of which a compiled program takes a few to
+# a thousand.
+MANY_MAPS = 35_000
+
+
+@pytest.fixture(autouse=True, scope="module")
+def room_for_programs():
+    """Programs are forgotten after a file where there are many."""
+    yield
+    maps = Path("/proc/self/maps")
+    if maps.exists() and maps.read_bytes().count(b"\n") > MANY_MAPS:
+        jax.clear_caches()
+        gc.collect()
 
 
 @pytest.fixture
