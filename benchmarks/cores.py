@@ -2,8 +2,9 @@
 
 Two claims. XLA shares a batch of Gamma with slopes between the cores by itself. Eigenproblems it
 solves one after the other on one core (LAPACK, a call a design); there processes gain, which is how
-`beltjax explore --modes` runs many designs. Threads that call one compiled program on parts of a batch
-are no way out: two LAPACK calls at a time can wait for each other for ever in XLA's pool of two.
+`beltjax explore --modes` runs many designs. Threads that call one
+compiled program on parts of a batch did not return within a minute: two LAPACK calls at a time can
+wait for each other in XLA's pool of two.
 
 Each way is run in processes of its own, on parts of one batch:
 
