@@ -72,6 +72,7 @@ def both():
     return drive, point, bj.contact_state(drive, point)
 
 
+@pytest.mark.slow
 def test_each_belt_runs_as_it_does_alone_on_its_shaft(both):
     drive, point, found = both
     passed = float(found.moments[1])

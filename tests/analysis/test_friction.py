@@ -85,6 +85,7 @@ def test_what_locks_the_arm():
     np.testing.assert_allclose(twice, 2 * locking, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_derivatives_by_friction():
     def answers(numbers):
         m = moved(*numbers, throw=False).measures

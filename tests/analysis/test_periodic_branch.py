@@ -57,6 +57,7 @@ def branch():
     return bj.periodic_branch(drive, point, orders, *speeds, **options), orders, options
 
 
+@pytest.mark.slow
 def test_points_are_motions_of_their_own(branch):
     found, orders, options = branch
     assert found.complete

@@ -49,6 +49,7 @@ def test_small_motion_is_that_of_the_spring():
     assert found[1][1].open_fractions[0] == 0
 
 
+@pytest.mark.slow
 def test_law_in_a_file(tmp_path):
     text = swap(ISOLATORS, "stiffness = 35.0", 'stiffness = 35.0\nlaw = "spring-clutch"')
     drive, point = load(tmp_path, text)

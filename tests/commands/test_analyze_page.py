@@ -31,6 +31,7 @@ def tables_of(page):
     return found
 
 
+@pytest.mark.slow
 def test_a_report_of_duties_shows_them_side_by_side(run, tmp_path):
     status, err, document, page = reported(run, tmp_path, SEVEN)
     assert (status, err) == (0, "")

@@ -65,6 +65,7 @@ def agree(one, two):
     return one == (pytest.approx(two, rel=1e-12, abs=1e-12) if isinstance(two, float) else two)
 
 
+@pytest.mark.slow
 def test_each_duty_is_what_a_file_of_its_own_gives(run, tmp_path):
     found, status, out, err = analyzed(run, tmp_path, BARE + DUTIES)
     assert (status, err) == (0, "")

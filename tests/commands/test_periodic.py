@@ -95,6 +95,7 @@ def test_a_pulley_that_slips_and_a_motion_that_is_not_found_end_with_2(run):
     assert document["periodic"][0]["spans"][0]["tension_min"] is None
 
 
+@pytest.mark.slow
 def test_a_branch_goes_through_the_range(run):
     words = "--crank", "0.1 deg", "--speeds", "2200 rpm:2250 rpm", "--branch", "down"
     status, out, _ = run(

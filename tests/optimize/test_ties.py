@@ -98,6 +98,7 @@ def test_two_idlers_move_together_as_mirror_images(tmp_path):
     assert limit.multiplier == pytest.approx(slopes[0] / slopes[1], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_snapped_radius_lets_the_others_be_optimized_again(tmp_path):
     design = minimized(tmp_path, swapped(STUDY, "[[constraint]]", RADII + "[[constraint]]"))
     best = min((0.025, 0.04), key=lambda r: length(limited(r), r))

@@ -25,6 +25,8 @@ NONE = bj.Damping(arm=False)
 X, W = legendre.leggauss(80)
 X, W = (X + 1) / 2, W / 2
 
+MORE_BODIES = ("clockwise", "two arms", "slide")
+
 
 @pytest.fixture(scope="module")
 def linearized():
@@ -149,7 +151,9 @@ def paths_of(drive, point):
     return span_paths(curved, steady), steady
 
 
-@pytest.mark.parametrize("case", ["three_pulley", "clockwise", "two arms", "slide"])
+@pytest.mark.parametrize(
+    "case", ["three_pulley", *(pytest.param(x, marks=pytest.mark.slow) for x in MORE_BODIES)]
+)
 def test_exact_strain_of_the_bodies(tmp_path, case):
     texts = {"two arms": TWO_ARMS, "slide": SLIDE}
     drive, point = load(tmp_path, texts[case]) if case in texts else example("three_pulley")
