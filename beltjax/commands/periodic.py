@@ -6,10 +6,14 @@ import click
 
 from beltjax.commands.registry import (
     command,
+    crank_option,
     duty_option,
     figure_option,
     json_option,
+    modal_damping_option,
+    order_option,
     si_option,
+    torque_option,
 )
 from beltjax.commands.running import Advance, answer
 
@@ -26,20 +30,9 @@ def _document() -> type["Document"]:
 
 @command(_document)
 @click.argument("drive_file", metavar="DRIVE.toml")
-@click.option(
-    "--crank", metavar="AMPLITUDE", help="Turn the driver by this amplitude, zero to peak (rad)."
-)
-@click.option(
-    "--torque",
-    multiple=True,
-    metavar="NAME=AMPLITUDE",
-    help="Apply a torque of this amplitude to a pulley (N m).",
-)
-@click.option(
-    "--order",
-    type=float,
-    help="Excite so often per rotation of the driver; 2 unless the file says.",
-)
+@crank_option
+@torque_option
+@order_option
 @click.option(
     "--orders",
     metavar="ORDER=AMPLITUDE[@PHASE],..",
@@ -55,9 +48,7 @@ def _document() -> type["Document"]:
     type=click.Choice(["up", "down"]),
     help="Follow the motion over the range of speeds, from its lower or upper end, through folds.",
 )
-@click.option(
-    "--modal-damping", type=float, help="Damp every mode by this ratio; 0.02 unless given."
-)
+@modal_damping_option
 @click.option(
     "--harmonics",
     type=click.IntRange(1),

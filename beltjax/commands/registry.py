@@ -94,6 +94,23 @@ figure_option = click.option("--figure", metavar="FILE.png", help="Write a pictu
 duty_option = click.option(
     "--duty", metavar="NAME", help="Take this duty of the drive file, not its [operation]."
 )
+crank_option = click.option(
+    "--crank", metavar="AMPLITUDE", help="Turn the driver by this amplitude, zero to peak (rad)."
+)
+torque_option = click.option(
+    "--torque",
+    multiple=True,
+    metavar="NAME=AMPLITUDE",
+    help="Apply a torque of this amplitude to a pulley (N m).",
+)
+order_option = click.option(
+    "--order",
+    type=float,
+    help="Excite so often per rotation of the driver; 2 unless the file says.",
+)
+modal_damping_option = click.option(
+    "--modal-damping", type=float, help="Damp every mode by this ratio; 0.02 unless given."
+)
 report_option = click.option(
     "--report", "page", metavar="FILE.html", help="Write a report that opens in a browser."
 )

@@ -6,10 +6,14 @@ import click
 
 from beltjax.commands.registry import (
     command,
+    crank_option,
     duty_option,
     figure_option,
     json_option,
+    modal_damping_option,
+    order_option,
     si_option,
+    torque_option,
 )
 from beltjax.commands.running import Advance, answer
 
@@ -26,29 +30,16 @@ def _document() -> type["Document"]:
 
 @command(_document)
 @click.argument("drive_file", metavar="DRIVE.toml")
-@click.option(
-    "--crank", metavar="AMPLITUDE", help="Turn the driver by this amplitude, zero to peak (rad)."
-)
-@click.option(
-    "--torque",
-    multiple=True,
-    metavar="NAME=AMPLITUDE",
-    help="Apply a torque of this amplitude to a pulley (N m).",
-)
-@click.option(
-    "--order",
-    type=float,
-    help="Excite so often per rotation of the driver; 2 unless the file says.",
-)
+@crank_option
+@torque_option
+@order_option
 @click.option(
     "--speeds",
     default="600 rpm:6000 rpm:200",
     show_default=True,
     help="Vary the driver's speed over this range.",
 )
-@click.option(
-    "--modal-damping", type=float, help="Damp every mode by this ratio; 0.02 unless given."
-)
+@modal_damping_option
 @duty_option
 @json_option
 @figure_option
