@@ -73,7 +73,7 @@ def _newton(
     matrix: Callable[[Array], Array],
     guess: Float[Array, " n"],
     tol: float,
-    max_steps: int,
+    max_steps: int | Int[Array, ""],
 ) -> _Newton:
     """A root near `guess`, by steps that the test of `roots.system_root` damps.
 
@@ -129,6 +129,24 @@ def _newton(
     return _Newton(x, first, step, done & jnp.all(jnp.isfinite(x)), steps)
 
 
+def _orbit_near(
+    system: Oscillator,
+    guess: Coefficients,
+    samples: int,
+    tol: float,
+    max_steps: int | Int[Array, ""],
+) -> _Newton:
+    """An orbit of `system` near `guess`, its coefficients flat."""
+    shape = guess.shape
+    return _newton(
+        lambda x: residual(system, x.reshape(shape), samples).ravel(),
+        lambda x: jacobian(system, x.reshape(shape), samples),
+        guess.ravel(),
+        tol,
+        max_steps,
+    )
+
+
 def _followed(
     at_load: Callable[[Scalar], Oscillator],
     guess: Coefficients,
@@ -144,20 +162,11 @@ def _followed(
     """
     shape = guess.shape
 
-    def attempt(load: Scalar, x: Array) -> _Newton:
-        system = at_load(load)
-        return _newton(
-            lambda x: residual(system, x.reshape(shape), samples).ravel(),
-            lambda x: jacobian(system, x.reshape(shape), samples),
-            x,
-            tol,
-            max_steps,
-        )
-
     def body(state: tuple[Any, ...]) -> tuple[Any, ...]:
         x, load, step, _, steps = state
         stretch = jnp.where(load > 0, (load + step) / jnp.where(load > 0, load, 1.0), 1.0)
-        found = attempt(load + step, stretch * x)
+        near = (stretch * x).reshape(shape)
+        found = _orbit_near(at_load(load + step), near, samples, tol, max_steps)
         reach = _FARTHEST * jnp.linalg.norm(found.root)
         good = found.converged & (jnp.linalg.norm(found.root - found.first) <= reach)
         x, load = jnp.where(good, found.root, x), jnp.where(good, load + step, load)
@@ -186,17 +195,11 @@ def _found_past_folds(
 ) -> tuple[Coefficients, _Newton]:
     """The orbit and the evidence, by arc length where the search did not come to load 1."""
     walked, steps = _past_folds(at_load, found, load, samples, ~end.converged)
-    system, shape = at_load(jnp.ones(())), found.shape
-    last = _newton(
-        lambda x: residual(system, x.reshape(shape), samples).ravel(),
-        lambda x: jacobian(system, x.reshape(shape), samples),
-        walked.ravel(),
-        tol,
-        max_steps,
-    )
+    left = jnp.where(end.converged, 0, max_steps)  # an orbit that is found takes no more steps
+    last = _orbit_near(at_load(jnp.ones(())), walked, samples, tol, left)
     last = last._replace(steps=end.steps + steps + last.steps)
     end = jax.tree.map(lambda a, b: jnp.where(end.converged, a, b), end, last)
-    return end.root.reshape(shape), end
+    return end.root.reshape(found.shape), end
 
 
 class _Path(NamedTuple):
@@ -227,7 +230,7 @@ def _past_folds(
         return corrected(lambda _, load: at_load(load), None, units, samples, shape, guess, along)
 
     def unfinished(path: _Path) -> Bool[Array, ""]:
-        short = path.point.place[count] * _LOAD_UNIT < 1
+        short = path.point.place[count] * _LOAD_UNIT < 1 - _ROUNDING
         return wanted & short & (path.step >= _LEAST_WALK) & (path.points < _MOST_POINTS)
 
     def walk(path: _Path) -> _Path:
@@ -255,6 +258,7 @@ def _past_folds(
 
 _LOAD_UNIT = 0.1  # of the load, in arc length
 _FIRST_WALK, _LEAST_WALK, _MOST_POINTS = 0.05, 1e-4, 200
+_ROUNDING = 1e-12  # of the load on which a walk ends
 _STRAIGHT = 0.85  # least cosine between directions that follow each other
 
 

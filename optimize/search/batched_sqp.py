@@ -45,7 +45,7 @@ class SequentialQuadraticProgramming(AbstractOptimizer):
         """Search from all starts."""
         rows = jnp.asarray(limited_rows(study, begin.parts))
         problem = study.canonical, begin.scales, rows
-        states, paths = _begun(begin.points, len(rows), tools, study, begin)
+        states, paths = _begun(study, begin, len(rows), tools)
         # Compiling quickly pays while the batch is run few times.
         few = study.starts <= FEW
         iterate = quickly_compiled(_iterated) if few else thoroughly_compiled(_iterated)
@@ -78,10 +78,10 @@ class SequentialQuadraticProgramming(AbstractOptimizer):
 
 
 def _begun(
-    points: Array, rows: int, tools: SearchTools, study: Study, begin: Starts
+    study: Study, begin: Starts, rows: int, tools: SearchTools
 ) -> tuple[SequentialIterate, list[list[np.ndarray]]]:
     """The states of all starts, of an earlier run if there was one, and their paths."""
-    states = jax.device_get(quickly_compiled(_first_iterates)(points, rows))
+    states = jax.device_get(quickly_compiled(_first_iterates)(begin.points, rows))
     saved = tools.saved(study, begin)
     if saved is None:
         return states, [[] for _ in states.done]
