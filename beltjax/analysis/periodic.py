@@ -31,7 +31,7 @@ from beltjax.drive.components import as_real, concrete
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis, Legendre
-from beltjax.numerics.periodic import Orbit, multipliers, periodic_orbit
+from beltjax.numerics.periodic import Orbit, largest_multiplier, multipliers, periodic_orbit
 from beltjax.physics.motion import MotionModel, projected
 from beltjax.results import (
     RESULTS,
@@ -59,6 +59,9 @@ class PeriodicResponse(eqx.Module):
     friction_use: Float[Array, " pulleys"]  # largest over the period; 0 without friction
     linearization: Linearization
     signals: Signals
+    # The equations in the functions that were counted, and these by the linearization's.
+    excited: Excited
+    shapes: Float[Array, "spans n functions"]
     conditioning: Float[Array, ""]  # least singular value of the scaled equations; 0 at a fold
     # Size of the last two harmonics over that of all: what is left out is of that size. The
     # error of the functions of the spans is not in it.
@@ -316,6 +319,8 @@ def described(made: Prepared, orbit: Orbit) -> PeriodicResponse:
         friction_use=use,
         linearization=lin,
         signals=signals,
+        excited=made.excited,
+        shapes=made.shapes,
         conditioning=orbit.conditioning,
         error=jnp.linalg.norm(orbit.coefficients[-4:]) / jnp.where(size > 0, size, 1.0),
         result=result,
@@ -328,6 +333,36 @@ def described(made: Prepared, orbit: Orbit) -> PeriodicResponse:
         stats={"steps": orbit.steps, "residual": orbit.step},
     )
     return frozen_where_failed(answer, result)
+
+
+def stability_margin(response: PeriodicResponse) -> Float[Array, ""]:
+    """What is left of a motion's stability: 1 less the modulus of its largest Floquet multiplier.
+
+    Negative where the motion is unstable. Unlike `response.multipliers` it has derivatives, which
+    cost one more monodromy matrix. Where the motion was not found it is 0 and has none.
+
+    Args:
+        response: a motion, as `periodic_response` returns it.
+
+    Returns:
+        The margin, at most 1.
+
+    Examples:
+        >>> drive, point = bj.load_drive("examples/three_pulley.toml")
+        >>> orders = bj.Orders({2: bj.Excitation(crank=0.002)})  # [rad]
+        >>> damping = bj.Damping(modal=0.02)
+        >>> found = bj.periodic_response(drive, point, orders, damping=damping, functions=4)
+        >>> bj.stability_margin(found)
+    """
+    return _stability_margin(response)
+
+
+@boundary_jit
+def _stability_margin(response: PeriodicResponse) -> Float[Array, ""]:
+    of = response
+    orbit = narrowed(of.shapes, of.coefficients)
+    margin = 1 - largest_multiplier(oscillator, of.excited, orbit)
+    return frozen_where_failed(margin, of.result)
 
 
 def _friction_use(drive: Drive, lin: Linearization, found: Measures) -> Float[Array, " pulleys"]:
