@@ -105,7 +105,7 @@ def joints_of(drive: Drive, lin: Linearization, damping: Damping) -> Joints:
         steady=flags @ lin.steady.reference.torques / stiffness,
         stiffness=stiffness / scales.energy,
         damping=damped / (scales.energy * scales.time),
-        clutch=jax.lax.stop_gradient(jnp.stack([part.law for part in parts])),
+        law=jax.lax.stop_gradient(jnp.stack([part.law for part in parts])),
     )
 
 

@@ -18,7 +18,7 @@ SENSES = {"counterclockwise": 1.0, "clockwise": -1.0}
 TENSIONS_OF = ("belt", "string")
 TRAVELS = {"listed": 1.0, "opposite": -1.0}
 KINDS = {"rotary": 1.0, "linear": 0.0}
-LAWS = {"spring": 0.0, "spring-clutch": 1.0}
+LAWS = {"spring": 0.0, "spring-clutch": 1.0, "decoupler": 2.0, "rigid-clutch": 3.0}
 NO_STOPS = (-np.inf, np.inf)
 # Units of a coordinate and of what goes with it, by the kind of tensioner.
 COORDINATE = {"rotary": "rad", "linear": "m"}
@@ -76,7 +76,7 @@ def as_flags(value: Any) -> Array:
 
 
 def as_law(value: Any) -> Array:
-    """1 for a spring-clutch between rim and hub, 0 for a spring."""
+    """The number of the law of a joint between rim and hub, as `physics.joints` has it."""
     return as_sign(LAWS, value)
 
 

@@ -165,9 +165,14 @@ def stretching(model: MotionModel, z: State, theta: Scalar | float = 0.0) -> Sta
 
 
 def dry_friction(model: MotionModel, rate: State) -> State:
-    """The force of dry friction against the bodies' motion, T tanh(q'/v) (O5)."""
+    """The force of dry friction against the bodies' motion, T tanh(q'/v) (O5).
+
+    Of v = 0 the law is set-valued and no force of this kind.
+    """
     count = len(model.friction)
-    on_bodies = model.friction * jnp.tanh(rate[len(rate) - count :] / model.friction_speed)
+    smooth = model.friction_speed > 0
+    turned = rate[len(rate) - count :] / jnp.where(smooth, model.friction_speed, 1.0)
+    on_bodies = jnp.where(smooth, model.friction * jnp.tanh(turned), 0.0)
     return jnp.concatenate([jnp.zeros(len(rate) - count), on_bodies])
 
 
