@@ -39,6 +39,8 @@ class HybridSystem(NamedTuple):
     # State and mode after the guard of that number fell through 0.
     switched: Callable[[State, Scalar, Mode, Int[Array, ""]], tuple[State, Mode]]
     started: Callable[[State, Scalar], Mode]  # the mode in which a state begins
+    # State and mode from which a motion goes on that was in this mode at a nearby state.
+    resumed: Callable[[State, Scalar, Mode], tuple[State, Mode]]
     positions: int  # the first of the states; as many rates follow
 
 
@@ -83,7 +85,7 @@ def mechanical_system(
     """
     by_reaction = inverse_mass @ elements.rows.T
     of = _Mechanics(inverse_mass, force, elements, by_reaction, elements.rows @ by_reaction)
-    return HybridSystem(of.rate, of.guards, of.switched, of.started, len(inverse_mass))
+    return HybridSystem(of.rate, of.guards, of.switched, of.started, of.resumed, len(inverse_mass))
 
 
 class _Mechanics(NamedTuple):
@@ -221,3 +223,7 @@ class _Mechanics(NamedTuple):
         pulled = jnp.where(loose, BELOW, jnp.where(at.pull > at.high, ABOVE, ENGAGED))
         mode = jnp.where(e.present, jnp.where(self.rigid, slips, pulled), ABSENT)
         return self.settled(x, t, mode, mode == ENGAGED)
+
+    def resumed(self, x: State, t: Scalar, mode: Mode) -> tuple[State, Mode]:
+        mode = jnp.where(mode == ENGAGED, mode, self.started(x, t))
+        return (self.held(x, t, mode) if len(mode) else x), mode
