@@ -22,6 +22,7 @@ from .analysis.orbit_measures import Measures as Measures
 from .analysis.orders import Orders as Orders
 from .analysis.periodic import PeriodicResponse as PeriodicResponse
 from .analysis.periodic import periodic_response as periodic_response
+from .analysis.periodic import stability_margin as stability_margin
 from .analysis.periodic_branch import PeriodicBranch as PeriodicBranch
 from .analysis.periodic_branch import periodic_branch as periodic_branch
 from .analysis.reference import ReferenceState as ReferenceState

@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from beltjax.analysis.periodic import stability_margin as margin_of
 from beltjax.analysis.steady import of_single
 from beltjax.drive.buildable import clearances
 
@@ -226,3 +227,15 @@ def hub_load_max(analyses: DriveAnalyses, pulley: int) -> Scalar:
 def friction_use(analyses: DriveAnalyses, pulley: int) -> Scalar:
     """What periodic motion uses of one pulley's friction; above 1 it slips, 0 without friction."""
     return analyses.periodic.friction_use[pulley]
+
+
+@quantity("friction_work", unit="J", needs="excitation", many=True)
+def friction_work(analyses: DriveAnalyses) -> Many:
+    """Work of each tensioner's dry friction over a period of periodic motion."""
+    return analyses.periodic.measures.friction_work
+
+
+@quantity("stability_margin", needs="excitation")
+def stability_margin(analyses: DriveAnalyses) -> Scalar:
+    """1 less the largest Floquet multiplier of periodic motion; negative where it is unstable."""
+    return margin_of(analyses.periodic)

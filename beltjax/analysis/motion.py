@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,10 +13,14 @@ from beltjax.analysis.linearization import Linearization
 from beltjax.analysis.orders import Forcing
 from beltjax.analysis.response import moments_on_rotors
 from beltjax.analysis.steady import SteadyState
+from beltjax.drive.groups import Scales
 from beltjax.drive.layout import belt_path, outline
-from beltjax.drive.shafts import rotors
+from beltjax.drive.loads import Load
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.shafts import rotors, transmission
 from beltjax.drive.system import Drive
-from beltjax.numerics.harmonic_balance import Oscillator, derived, series
+from beltjax.numerics.harmonic_balance import Neutral, Oscillator, derived, series
+from beltjax.physics.accessories import Accessories
 from beltjax.physics.joints import Joints
 from beltjax.physics.motion import (
     MotionModel,
@@ -27,6 +32,16 @@ from beltjax.physics.motion import (
 
 LAYERED = 8  # functions of a span from which four of them are its ends' layers
 _LAYERS = 4
+
+
+class _Taken(eqx.Module):
+    """The torque of a load over the speed of its pulley, dimensionless."""
+
+    load: Load
+    scales: Scales
+
+    def __call__(self, speed: Float[Array, ""]) -> Float[Array, ""]:
+        return self.load.at(speed / self.scales.time).torque / self.scales.energy
 
 
 class Excited(NamedTuple):
@@ -43,8 +58,9 @@ def motion_model(
     damping: Damping,
     paths: SpanPaths | None = None,
     joints: Joints | None = None,
+    accessories: Accessories | None = None,
 ) -> MotionModel:
-    """The drive of `linearization` in motion, whose driver's rotation is given."""
+    """The drive of `linearization` in motion."""
     lin = linearization
     return MotionModel(
         mass=lin.mass,
@@ -59,7 +75,38 @@ def motion_model(
         friction=lin.steady.groups.frictions * lin.model.movable,
         friction_speed=lin.steady.groups.friction_speeds,
         joints=joints,
+        accessories=accessories,
+        rigid=_rigid_rotation(lin) if lin.free else None,
         functions=lin.basis.size,
+    )
+
+
+def _rigid_rotation(lin: Linearization) -> Float[Array, " size"]:
+    """The rotation of a free drive that strains nothing, per rotation of the driver."""
+    m, n = lin.model, lin.spans * lin.basis.size
+    of_others = m.turns[:, lin.rotors[1:]]  # the driver comes first
+    weighted = of_others.T * (m.lam * m.gam)
+    springs = m.K_r[lin.rotors[1:]]
+    matrix = weighted @ of_others + springs[:, lin.rotors[1:]]
+    load = weighted @ m.turns[:, lin.driver] + springs[:, lin.driver]
+    turned = jnp.concatenate([jnp.ones(1), -jnp.linalg.solve(matrix, load)])
+    return jnp.zeros(len(lin.mass)).at[n : n + len(lin.rotors)].set(turned)
+
+
+def accessories_of(drive: Drive, point: OperatingPoint, lin: Linearization) -> Accessories:
+    """The loads of the operating point; those on the driver's shaft are not counted."""
+    driven = transmission(drive, point)
+    places = np.array([drive.pulley(name) for name in point.load])
+    counted = (1 - driven.driving[places])[:, None]
+    n = lin.spans * lin.basis.size
+    rows = jnp.zeros((len(places), len(lin.mass)))
+    rows = rows.at[:, n : n + len(lin.rotors)].set(
+        counted * lin.steady.groups.hubs[places][:, lin.rotors]
+    )
+    return Accessories(
+        torques=tuple(_Taken(load, lin.scales) for load in point.load.values()),
+        rows=rows,
+        speeds=(driven.speeds / drive.radii)[places] * lin.scales.time,
     )
 
 
@@ -192,9 +239,14 @@ def oscillator(excited: Excited, part: Float[Array, ""]) -> Oscillator:
         of = part * series(phase, harmonics)
         theta = of @ excited.driver
         found = stretching(m, z, theta) + dry_friction(m, rate) - of @ excited.load
+        if m.accessories is not None:
+            found = found + m.accessories.force(rate)
         if m.joints is None:
             return found
         turning = excited.frequency * (of @ derived(excited.driver[:, None])[:, 0])
         return found + m.joints.force(z, rate, theta, turning)
 
-    return Oscillator(m.mass, m.damping, m.stiffness, excited.frequency, force)
+    neutral = None
+    if m.rigid is not None:
+        neutral = Neutral(m.rigid, jnp.asarray(m.functions * len(m.work)))  # the driver's rotation
+    return Oscillator(m.mass, m.damping, m.stiffness, excited.frequency, force, neutral)

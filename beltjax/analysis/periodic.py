@@ -13,6 +13,7 @@ from beltjax.analysis.damping import Damping
 from beltjax.analysis.linearization import Linearization, linearize
 from beltjax.analysis.motion import (
     Excited,
+    accessories_of,
     joints_of,
     layered_shapes,
     load_series,
@@ -31,7 +32,7 @@ from beltjax.drive.components import as_real, concrete
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis, Legendre
-from beltjax.numerics.periodic import Orbit, multipliers, periodic_orbit
+from beltjax.numerics.periodic import Orbit, largest_multiplier, multipliers, periodic_orbit
 from beltjax.physics.motion import MotionModel, projected
 from beltjax.results import (
     RESULTS,
@@ -57,8 +58,14 @@ class PeriodicResponse(eqx.Module):
     multipliers: Complex[Array, " states"]  # Floquet's, the largest first
     measures: Measures
     friction_use: Float[Array, " pulleys"]  # largest over the period; 0 without friction
+    # Mean torque of the driver in the direction of travel, beside what the steady state has [N m];
+    # 0 where its rotation is given.
+    mean_driver_torque: Float[Array, ""]
     linearization: Linearization
     signals: Signals
+    # The equations in the functions that were counted, and these by the linearization's.
+    excited: Excited
+    shapes: Float[Array, "spans n functions"]
     conditioning: Float[Array, ""]  # least singular value of the scaled equations; 0 at a fold
     # Size of the last two harmonics over that of all: what is left out is of that size. The
     # error of the functions of the spans is not in it.
@@ -189,6 +196,7 @@ class MotionAsked(eqx.Module):
     functions: int = eqx.field(static=True)
     curved: bool = eqx.field(static=True)  # bodies may move on exact paths
     loose: bool = eqx.field(static=True)  # joints may be clutches
+    free: bool = eqx.field(static=True)  # the driver turns by its torque
 
 
 def asked_of(
@@ -215,6 +223,7 @@ def asked_of(
         functions=how.functions,
         curved=bool(drive.tensioners) and _any_of([drive.model.arm_curvature]),
         loose=loose,
+        free=_driver(point, orders) == "free",
     )
 
 
@@ -229,6 +238,13 @@ def _forcing(
         raise ValueError("orders: found none, and the point has no excitation; give Orders(...).")
     forcing, base = given_forcing(point.excitation, names, harmonics)
     return forcing, as_real(base)
+
+
+def _driver(point: OperatingPoint, orders: Orders | None) -> str:
+    if orders is not None:
+        return orders.driver
+    assert point.excitation is not None  # as _forcing holds
+    return point.excitation.driver
 
 
 def _any_of(flags: Sequence[Array]) -> bool:
@@ -265,11 +281,12 @@ def prepared(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> Prepare
     """The equations of a drive's motion at an operating point."""
     steady = steady_state(drive, point, throw=False)
     basis = Legendre(_FINE) if asked.basis is None else asked.basis
-    lin = linearize(steady, basis, throw=False)
+    lin = linearize(steady, basis, free=asked.free, throw=False)
     frequency = asked.base * point.speed(drive) / (drive.drives @ drive.radii)
     paths = span_paths(drive, steady) if asked.curved else None
     joints = joints_of(drive, lin, asked.damping) if asked.loose else None
-    whole = motion_model(lin, asked.damping, paths, joints)
+    accessories = accessories_of(drive, point, lin) if point.load else None
+    whole = motion_model(lin, asked.damping, paths, joints, accessories)
     w = frequency * lin.scales.time
     driver, load = load_series(lin, asked.forcing, w, asked.damping)
     if asked.basis is None:
@@ -299,7 +316,12 @@ def _periodic(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> Period
 def described(made: Prepared, orbit: Orbit) -> PeriodicResponse:
     """The answer about an orbit of the drive."""
     lin, driver, w = made.linearization, made.excited.driver, made.excited.frequency
-    signals = Signals(lin, made.model, widened(made.shapes, orbit.coefficients), driver, w)
+    neutral = oscillator(made.excited, jnp.ones(())).neutral
+    found_at, torque = orbit.coefficients, jnp.zeros(())
+    if neutral is not None:
+        torque = neutral.mean_load(found_at)
+        found_at = found_at.at[0].add(torque * neutral.direction)  # its mean rotation is 0
+    signals = Signals(lin, made.model, widened(made.shapes, found_at), driver, w)
     found = measures(signals, made.samples)
     use = _friction_use(made.drive, lin, found)
     floquet = multipliers(oscillator, made.excited, orbit.coefficients)
@@ -314,8 +336,11 @@ def described(made: Prepared, orbit: Orbit) -> PeriodicResponse:
         multipliers=floquet,
         measures=found,
         friction_use=use,
+        mean_driver_torque=torque * lin.scales.energy,
         linearization=lin,
         signals=signals,
+        excited=made.excited,
+        shapes=made.shapes,
         conditioning=orbit.conditioning,
         error=jnp.linalg.norm(orbit.coefficients[-4:]) / jnp.where(size > 0, size, 1.0),
         result=result,
@@ -328,6 +353,36 @@ def described(made: Prepared, orbit: Orbit) -> PeriodicResponse:
         stats={"steps": orbit.steps, "residual": orbit.step},
     )
     return frozen_where_failed(answer, result)
+
+
+def stability_margin(response: PeriodicResponse) -> Float[Array, ""]:
+    """What is left of a motion's stability: 1 less the modulus of its largest Floquet multiplier.
+
+    Negative where the motion is unstable. Unlike `response.multipliers` it has derivatives, which
+    cost one more monodromy matrix. Where the motion was not found it is 0 and has none.
+
+    Args:
+        response: a motion, as `periodic_response` returns it.
+
+    Returns:
+        The margin, at most 1.
+
+    Examples:
+        >>> drive, point = bj.load_drive("examples/three_pulley.toml")
+        >>> orders = bj.Orders({2: bj.Excitation(crank=0.002)})  # [rad]
+        >>> damping = bj.Damping(modal=0.02)
+        >>> found = bj.periodic_response(drive, point, orders, damping=damping, functions=4)
+        >>> bj.stability_margin(found)
+    """
+    return _stability_margin(response)
+
+
+@boundary_jit
+def _stability_margin(response: PeriodicResponse) -> Float[Array, ""]:
+    of = response
+    orbit = narrowed(of.shapes, of.coefficients)
+    margin = 1 - largest_multiplier(oscillator, of.excited, orbit)
+    return frozen_where_failed(margin, of.result)
 
 
 def _friction_use(drive: Drive, lin: Linearization, found: Measures) -> Float[Array, " pulleys"]:

@@ -7,6 +7,7 @@ import click
 from beltjax.commands.registry import (
     command,
     crank_option,
+    driver_option,
     duty_option,
     figure_option,
     json_option,
@@ -33,6 +34,7 @@ def _document() -> type["Document"]:
 @crank_option
 @torque_option
 @order_option
+@driver_option
 @click.option(
     "--orders",
     metavar="ORDER=AMPLITUDE[@PHASE],..",
@@ -72,6 +74,7 @@ def periodic(
     crank: str | None,
     torque: tuple[str, ...],
     order: float | None,
+    driver: str | None,
     orders: str | None,
     speeds: str | None,
     branch: str | None,
@@ -89,7 +92,17 @@ def periodic(
         from beltjax.commands.reports.periodic import PeriodicOptions, periodic_report
 
         given = PeriodicOptions(
-            crank, torque, order, orders, speeds, modal_damping, harmonics, functions, duty, branch
+            crank,
+            torque,
+            order,
+            orders,
+            speeds,
+            modal_damping,
+            harmonics,
+            functions,
+            duty,
+            branch,
+            driver,
         )
         return periodic_report(drive_file, given, figure, advance, si)
 

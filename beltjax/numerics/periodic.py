@@ -336,13 +336,17 @@ def _conditioning(system: Oscillator, terms: int, factors: _Eliminated) -> Scala
     return 1 / jnp.sqrt(size)
 
 
+_UNDAMPED = 1e-10
 _A = np.array([[1 / 4, 1 / 4 - np.sqrt(3) / 6], [1 / 4 + np.sqrt(3) / 6, 1 / 4]])  # Gauss, 2 stages
 
 
-def monodromy(system: Oscillator, X: Coefficients, steps: int) -> Float[Array, "states states"]:
-    """What a period makes of a small disturbance of (z, z') of an orbit.
+def after_period(
+    system: Oscillator, X: Coefficients, disturbed: Float[Array, "states columns"], steps: int
+) -> Float[Array, "states columns"]:
+    """What a period makes of small disturbances of (z, z') of an orbit, one in each column.
 
     By Gauss's implicit method of two stages, whose order is 4 and which neither damps nor excites.
+    Neutral translations, and their rates where nothing damps them, are taken out.
     """
     size, w = X.shape[1], system.frequency
     h = 2 * np.pi / steps / w
@@ -371,14 +375,74 @@ def monodromy(system: Oscillator, X: Coefficients, steps: int) -> Float[Array, "
         velocity = jnp.concatenate([none, unit], axis=1) + h / 2 * jnp.sum(solved, axis=0)
         return jnp.concatenate([position, velocity]) @ product, None
 
-    product, _ = jax.lax.scan(advance, in_lanes_of(X, jnp.eye(2 * size)), jnp.arange(steps))
-    return product
+    # In reverse only the product is kept from step to step.
+    start = in_lanes_of(X, _without_free_rate(system, disturbed))
+    product, _ = jax.lax.scan(jax.checkpoint(advance), start, jnp.arange(steps))
+    return _without_translation(system, product)
+
+
+def _without_translation(
+    system: Oscillator, states: Float[Array, "states columns"]
+) -> Float[Array, "states columns"]:
+    """States less what they have of the neutral translation, by its own coordinate."""
+    if system.neutral is None:
+        return states
+    u, row = system.neutral
+    return states.at[: len(u)].add(-jnp.outer(u / u[row], states[row]))
+
+
+def _without_free_rate(
+    system: Oscillator, states: Float[Array, "states columns"]
+) -> Float[Array, "states columns"]:
+    """States less what they have of the translation's rate, which stays where nothing damps it.
+
+    The momentum u M z' is then what it was, so that it measures that part.
+    """
+    if system.neutral is None:
+        return states
+    u, size = system.neutral.direction, len(system.mass)
+    momentum = u @ system.mass
+    free = jnp.abs(u @ system.damping @ u) < _UNDAMPED * (momentum @ u) * system.frequency
+    part = jnp.where(free, momentum @ states[size:] / (momentum @ u), 0.0)
+    return states.at[size:].add(-jnp.outer(u, part))
+
+
+def monodromy(system: Oscillator, X: Coefficients, steps: int) -> Float[Array, "states states"]:
+    """The matrix of `after_period`."""
+    return after_period(system, X, jnp.eye(2 * X.shape[1]), steps)
 
 
 def multipliers(
     system: Callable[[Any, Scalar], Oscillator], args: Any, X: Coefficients, steps: int = 200
 ) -> Complex[Array, " states"]:
-    """Floquet multipliers of an orbit, the largest first; their derivatives are NaN."""
+    """Floquet multipliers of an orbit, the largest first; their derivatives are NaN.
+
+    That of a neutral translation is 0 in place of 1; also that of its rate where nothing damps it.
+    """
     fixed, orbit = jax.lax.stop_gradient((args, X))
     found = jnp.linalg.eigvals(monodromy(system(fixed, jnp.ones(())), orbit, steps))
     return found[jnp.argsort(-jnp.abs(found))] + without_derivative(0.0 * jnp.sum(X))
+
+
+def largest_multiplier(
+    system: Callable[[Any, Scalar], Oscillator], args: Any, X: Coefficients, steps: int = 200
+) -> Scalar:
+    """Modulus of the largest Floquet multiplier, with its derivatives by the system and the orbit.
+
+    Those are the products of its left and right eigenvector with the derivative of the monodromy
+    matrix; where two of different modulus change places they jump.
+    """
+    fixed, orbit = jax.lax.stop_gradient((args, X))
+    matrix = monodromy(system(fixed, jnp.ones(())), orbit, steps)
+    values, vectors = jnp.linalg.eig(matrix)
+    place = jnp.argmax(jnp.abs(values))
+    value, right = values[place], vectors[:, place]
+    unit = jnp.zeros(len(values), complex).at[place].set(1.0)
+    left = jnp.linalg.solve(vectors.T, unit)  # a row of the inverse: left.right = 1
+    columns = jnp.stack([right.real, right.imag], axis=1)
+    moved = after_period(system(args, jnp.ones(())), X, columns, steps)
+    mapped = left @ (moved[:, 0] + 1j * moved[:, 1])
+    # `mapped` is the multiplier itself; of its modulus the derivative along its own direction.
+    along = jnp.conj(value) / jnp.abs(value)
+    slope = (along * mapped).real
+    return jnp.abs(value) + slope - jax.lax.stop_gradient(slope)

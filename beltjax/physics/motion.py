@@ -10,6 +10,8 @@ functions have unit slopes, and N is half the sum of their squares and a quadrat
 bodies' coordinates. M, G and K are those of `vibration`; docs/theory/motion.md, (O1) to (O5).
 """
 
+from typing import TypeVar
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -17,12 +19,14 @@ from jaxtyping import Array, Float
 
 from beltjax.numerics.loops import Loops
 from beltjax.numerics.rigid_bodies import Bodies, moved
+from beltjax.physics.accessories import Accessories
 from beltjax.physics.joints import Joints
 from beltjax.physics.vibration import VibrationModel
 
 Scalar = Float[Array, ""]
 Spans = Float[Array, " spans"]
 State = Float[Array, " size"]
+Part = TypeVar("Part", Joints, Accessories)
 
 
 class SpanPaths(eqx.Module):
@@ -80,6 +84,8 @@ class MotionModel(eqx.Module):
     friction: Float[Array, " coordinates"]  # dry, of the bodies
     friction_speed: Float[Array, " coordinates"]
     joints: Joints | None  # those of pulleys that are not springs alone
+    accessories: Accessories | None  # those whose torques depend on speed
+    rigid: State | None  # rotation that strains nothing; None where the driver's is given
     functions: int = eqx.field(static=True)  # of each span
 
     def parts(self, z: State) -> tuple[Float[Array, "spans n"], Float[Array, " coordinates"]]:
@@ -112,9 +118,9 @@ def projected(model: MotionModel, shapes: Float[Array, "spans n fewer"]) -> Moti
     def square(matrix: Float[Array, "size size"]) -> Float[Array, "less less"]:
         return rows(rows(matrix).T).T
 
-    joints = m.joints
-    if joints is not None:
-        joints = eqx.tree_at(lambda j: j.rows, joints, rows(joints.rows.T).T)
+    def fewer_columns(part: Part | None) -> Part | None:
+        return part if part is None else eqx.tree_at(lambda p: p.rows, part, rows(part.rows.T).T)
+
     return MotionModel(
         mass=square(m.mass),
         damping=square(m.damping),
@@ -127,7 +133,9 @@ def projected(model: MotionModel, shapes: Float[Array, "spans n fewer"]) -> Moti
         paths=m.paths,
         friction=m.friction,
         friction_speed=m.friction_speed,
-        joints=joints,
+        joints=fewer_columns(m.joints),
+        accessories=fewer_columns(m.accessories),
+        rigid=None if m.rigid is None else rows(m.rigid[:, None])[:, 0],
         functions=fewer,
     )
 

@@ -279,6 +279,31 @@ def test_derivatives_three_ways():
 
 
 @pytest.mark.slow
+def test_stability_margin_and_its_derivatives_three_ways():
+    drive, point = THREE
+
+    def margin(values):
+        changed = eqx.tree_at(numbers_of, drive, list(values))
+        found = bj.periodic_response(
+            changed, running(point, 2390), crank(0.12), damping=MODAL, functions=4, harmonics=4,
+        )  # fmt: skip
+        return bj.stability_margin(found), found.multipliers
+
+    values = jnp.stack(numbers_of(drive))
+    by = quickly_compiled(margin)
+    at, floquet = by(values)
+    assert abs(at - (1 - abs(floquet[0]))) < 1e-12
+    slopes = quickly_compiled(jax.jacrev(lambda v: margin(v)[0]))(values)
+    forward = quickly_compiled(jax.jacfwd(lambda v: margin(v)[0]))(values)
+    np.testing.assert_allclose(slopes, forward, rtol=1e-7)
+    for k, value in enumerate(values):
+        unit = jnp.zeros(len(values)).at[k].set(1e-4 * value)
+        near = by(values + unit)[0] - by(values - unit)[0]
+        far = by(values + 2 * unit)[0] - by(values - 2 * unit)[0]
+        np.testing.assert_allclose(slopes[k], (8 * near - far) / (12e-4 * value), rtol=1e-6)
+
+
+@pytest.mark.slow
 def test_derivatives_of_the_stored_case():
     # "IFT against re-solved differences; against plain Legendre 24: 1e-5 .. 4e-4."
     case = CASES["derivatives"]
