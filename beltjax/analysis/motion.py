@@ -145,6 +145,7 @@ def joints_of(drive: Drive, lin: Linearization, damping: Damping) -> Joints:
     rows = rows.at[:, n : n + len(lin.rotors)].set(wind_ups[:, lin.rotors])
     stiffness = jnp.stack([part.stiffness for part in parts])
     damped = jnp.stack([part.damping for part in parts]) * damping.arm
+    damped = damped + damping.stiffness * stiffness  # it is in the matrix, too
     flags = jax.lax.stop_gradient(jnp.stack([part.pulleys for part in parts]))
     return Joints(
         rows=rows,

@@ -29,9 +29,9 @@ _A = np.array(
 _SQUARE = _A @ _A
 WEIGHTS = _A[2]  # of the stages in an integral over the step
 # Rows: the polynomial of degree 2 that is 1 at one stage and 0 at the others, from degree 0 on.
-_LAGRANGE = np.linalg.inv(np.vander(NODES, increasing=True)).T
+LAGRANGE = np.linalg.inv(np.vander(NODES, increasing=True)).T
 _POWERS = np.arange(3)
-_ONCE = _LAGRANGE / (_POWERS + 1)
+_ONCE = LAGRANGE / (_POWERS + 1)
 _TWICE = _ONCE / (_POWERS + 2)
 
 _TOL = 1e-12  # of a step's last correction

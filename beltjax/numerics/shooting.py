@@ -16,6 +16,7 @@ from beltjax.compiling.batched_loops import in_lanes_of
 from beltjax.numerics.derivative_rules import without_derivative
 from beltjax.numerics.hybrid import HybridSystem, Mode, State
 from beltjax.numerics.radau import (
+    LAGRANGE,
     NODES,
     WEIGHTS,
     Rates,
@@ -81,7 +82,7 @@ class Trial(NamedTuple):
     gains: Stages
     solved: Bool[Array, ""]
     done: Bool[Array, ""]
-    count: Int[Array, ""]
+    trials: Int[Array, ""]
 
 
 def _in_mode(of: Periodic, mode: Mode) -> Rates:
@@ -131,9 +132,9 @@ def _step_to_event(of: Periodic, x: State, start: Scalar, mode: Mode, length: Sc
         newton = jnp.where(inside, step, (low + high) / 2)
         following = jnp.where(anew, jnp.clip(d * part, low, high), newton)
         close = known & ~anew & (jnp.abs(following - d) <= 1e-14)
-        done = (which < 0) | close | (trial.count >= _MOST_TRIALS) | ~solved
+        done = (which < 0) | close | (trial.trials >= _MOST_TRIALS) | ~solved
         return Trial(
-            jnp.where(done, d, following), low, high, which, gains, solved, done, trial.count + 1
+            jnp.where(done, d, following), low, high, which, gains, solved, done, trial.trials + 1
         )
 
     count = len(x) - system.positions
@@ -155,7 +156,7 @@ class _Switch(NamedTuple):
 
 def _switch(of: Periodic, x: State, part: Scalar, mode: Mode, which: Int[Array, ""]) -> _Switch:
     """Pass an event."""
-    system, period, t = of.system, of.period, part * of.period
+    system, t = of.system, part * of.period
     after, new = system.switched(x, t, mode, which)
     before = system.rate(x, t, mode)
     leaving = system.rate(after, t, new)
@@ -354,6 +355,8 @@ class ShotOrbit(NamedTuple):
     # Least rate at which a guard falls through zero at an event, over that of its parts; 1 without
     # events. At 0 an event only touches, and derivatives do not exist.
     least: Scalar
+    events: Int[Array, ""]  # in the period
+    error: Scalar  # estimated, of the steps, over the size of the motion
 
 
 def shot_orbit(
@@ -388,7 +391,27 @@ def shot_orbit(
         gap=found.gap,
         periods=periods,
         least=jnp.minimum(flow.least, 1.0),
+        events=flow.events,
+        error=_missed(still, made),
     )
+
+
+def _missed(of: Periodic, steps: Steps) -> Scalar:
+    """What the steps miss, as a formula of third order in them sees it; they have the fifth.
+
+    That compares what the polynomial of a step has for derivatives at its start.
+    """
+    n = of.system.positions
+
+    def of_step(step: Steps) -> Scalar:
+        h = (step.end - step.start) * of.period
+        right = of.system.rate(step.states, step.start * of.period, step.modes)[n:]
+        off = (right - LAGRANGE[:, 0] @ step.gains)[:n]
+        return h**2 * jnp.linalg.norm(off)
+
+    size = jnp.max(jnp.linalg.norm(steps.states[:, :n], axis=1))
+    missed = jnp.sqrt(jnp.mean(jax.vmap(of_step)(steps) ** 2))
+    return missed / jnp.where(size > 0, size, 1.0)
 
 
 def _followed(

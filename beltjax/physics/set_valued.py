@@ -4,7 +4,7 @@
     g      rate of the body's coordinate, or of a joint's wind-up, rim less hub
     s      wind-up of a decoupler's spring
 
-docs/theory/motion.md, (O8) to (O10).
+docs/theory/motion.md, (O9) to (O11).
 """
 
 from collections.abc import Callable
@@ -24,6 +24,40 @@ State = Float[Array, " size"]
 def holding(model: MotionModel) -> Bool[Array, " coordinates"]:
     """Which bodies stand still under their friction, which has no speed to turn round at."""
     return (model.friction > 0) & (model.friction_speed == 0)
+
+
+def has_modes(model: MotionModel) -> Bool[Array, ""]:
+    """Whether some law of the drive is set-valued."""
+    found = jnp.any(holding(model))
+    return found if model.joints is None else found | jnp.any(model.joints.one_way)
+
+
+def overruns(model: MotionModel) -> Float[Array, "size joints"]:
+    """What turns beyond each one-way joint when its hub gains an angle of 1 on the rim.
+
+    Where that strains nothing; 0 of a joint whose hub is held by something else, and of others.
+    """
+    m, joints = model, model.joints
+    if joints is None or m.rigid is not None:
+        return jnp.zeros((len(m.mass), 0 if joints is None else len(joints.rows)))
+    fields = len(m.work) * m.functions
+    turning = slice(fields, len(m.mass) - len(m.friction))
+    rows = jnp.where(joints.one_way[:, None], joints.rows, 0.0)
+    apart = m.stiffness - (rows * joints.stiffness[:, None]).T @ rows
+    held = apart[:, turning] / jnp.max(jnp.abs(m.stiffness))
+    rows = rows[:, turning]
+    turned = -jnp.linalg.solve(held.T @ held + rows.T @ rows, rows.T)
+    strained = jnp.max(jnp.abs(held @ turned), axis=0) > _STRAINS
+    turned = jnp.where(strained | ~joints.one_way, 0.0, turned)
+    return jnp.zeros((len(m.mass), len(rows))).at[turning].set(turned)
+
+
+_STRAINS = 1e-8  # of the largest stiffness
+
+
+def friction_bounds(model: MotionModel, z: State) -> tuple[Array, Array]:
+    """Least and greatest friction of each body that `holding` holds."""
+    return -model.friction, model.friction
 
 
 def hybrid_drive(
@@ -48,10 +82,13 @@ def hybrid_drive(
         theta = driver(t)
         found = m.damping @ rate + m.stiffness @ z + stretching(m, z, theta)
         found = found + dry_friction(m, rate) - load(z, rate, t)
+        if m.accessories is not None:
+            found = found + m.accessories.force(rate)
         return found if joints is None else found + joints.force(z, rate, theta, turning(t))
 
     def bounds(z: State, rate: State, t: Scalar) -> tuple[Array, Array]:
-        return jnp.append(-m.friction, none), jnp.append(m.friction, none + jnp.inf)
+        low, high = friction_bounds(m, z)
+        return jnp.append(low, none), jnp.append(high, none + jnp.inf)
 
     rows = jnp.eye(size)[size - count :]
     present = holding(m)
