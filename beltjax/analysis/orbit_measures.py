@@ -117,7 +117,7 @@ def measures(signals: Signals, samples: int) -> Measures:
         travels=motions[1] - motions[0],
         mean_motions=lin.split(motion.mean())[2] * lin.units,
         greatest_motions=motions.T,
-        friction_work=motion.friction_work(model, grid) * lin.scales.energy,
+        friction_work=motion.friction_work(model, signals.driver, grid) * lin.scales.energy,
         stuck_fractions=motion.stuck(model),
         open_fractions=motion.open(model, _wind_ups(signals, grid), grid.weights),
         overrun_per_period=overrun,

@@ -13,8 +13,7 @@ from beltjax.analysis.motion import widened
 from beltjax.numerics.harmonic_balance import Coefficients, derived, series
 from beltjax.numerics.hybrid import ABOVE, BELOW, ENGAGED
 from beltjax.numerics.shooting import Trajectory
-from beltjax.physics.motion import MotionModel, dry_friction
-from beltjax.physics.set_valued import friction_bounds, holding
+from beltjax.physics.motion import MotionModel, dry_friction, friction_bounds
 
 _TIMES = 4  # points of time per sample, or per step, from which extremes are refined
 
@@ -49,7 +48,9 @@ class AbstractMotion(eqx.Module):
         """Phases from which extremes are refined."""
 
     @abc.abstractmethod
-    def friction_work(self, model: MotionModel, grid: PhaseGrid) -> Bodies:
+    def friction_work(
+        self, model: MotionModel, driver: Float[Array, " terms"], grid: PhaseGrid
+    ) -> Bodies:
         """Work of dry friction over a period, of each body."""
 
     @abc.abstractmethod
@@ -87,20 +88,24 @@ class HarmonicMotion(AbstractMotion):
         step = 2 * jnp.pi / count
         return PhaseGrid(jnp.arange(count) * step, jnp.full(count, 1 / count), jnp.asarray(step))
 
-    def friction_work(self, model: MotionModel, grid: PhaseGrid) -> Bodies:
+    def friction_work(
+        self, model: MotionModel, driver: Float[Array, " terms"], grid: PhaseGrid
+    ) -> Bodies:
         """Work of dry friction over a period, of each body."""
-        X, count = self.coefficients, len(model.friction)
+        X, count = self.coefficients, len(model.friction.constant)
 
         # Speeds are derivatives by the phase here, and so is the work: w drops out but in tanh.
         def power(phase: Scalar) -> Bodies:
-            rate = series(phase, len(X) // 2) @ derived(X)
-            return (dry_friction(model, self.frequency * rate) * rate)[len(rate) - count :]
+            of = series(phase, len(X) // 2)
+            rate, theta = of @ derived(X), series(phase, len(driver) // 2) @ driver
+            force = dry_friction(model, of @ X, self.frequency * rate, theta)
+            return (force * rate)[len(rate) - count :]
 
         return 2 * jnp.pi * jnp.mean(jax.vmap(power)(grid.phases), axis=0)
 
     def stuck(self, model: MotionModel) -> Bodies:
         """Smooth friction holds no body."""
-        return jnp.zeros_like(model.friction)
+        return jnp.zeros_like(model.friction.constant)
 
     def overrun(self, model: MotionModel) -> Float[Array, " joints"]:
         """A Fourier series has no steady drift."""
@@ -148,21 +153,23 @@ class SteppedMotion(AbstractMotion):
         reach = 2 * jnp.pi * jnp.max(long) / _TIMES
         return PhaseGrid(2 * jnp.pi * parts.ravel(), weights, reach)
 
-    def friction_work(self, model: MotionModel, grid: PhaseGrid) -> Bodies:
+    def friction_work(
+        self, model: MotionModel, driver: Float[Array, " terms"], grid: PhaseGrid
+    ) -> Bodies:
         """Work of dry friction over a period, of each body."""
-        path, count = self.trajectory, len(model.friction)
+        path, count = self.trajectory, len(model.friction.constant)
         states, weights = path.stages
         modes = jnp.repeat(path.steps.modes[:, :count], 3, axis=0)
+        turned = jax.vmap(lambda part: series(2 * jnp.pi * part, len(driver) // 2) @ driver)
 
-        def power(x: Array, mode: Array) -> Bodies:
+        def power(x: Array, mode: Array, theta: Scalar) -> Bodies:
             z, rate = widened(self.shapes, x[: path.positions]), x[path.positions :]
             bodies = rate[path.positions - count : path.positions]
-            smooth = dry_friction(model, rate[: path.positions])[path.positions - count :]
-            low, high = friction_bounds(model, z)
+            low, high = friction_bounds(model, z, theta)
             held = jnp.where(mode == ABOVE, high, jnp.where(mode == BELOW, low, 0.0))
-            return (smooth + held) * bodies
+            return (model.friction.smooth(bodies, low, high) + held) * bodies
 
-        return path.period * (weights @ jax.vmap(power)(states, modes))
+        return path.period * (weights @ jax.vmap(power)(states, modes, turned(path.parts)))
 
     def _fractions(self, flags: Bool[Array, "steps items"]) -> Float[Array, " items"]:
         steps = self.trajectory.steps
@@ -170,8 +177,8 @@ class SteppedMotion(AbstractMotion):
 
     def stuck(self, model: MotionModel) -> Bodies:
         """Part of the period in which friction holds each body."""
-        modes = self.trajectory.steps.modes[:, : len(model.friction)]
-        return self._fractions((modes == ENGAGED) & holding(model))
+        modes = self.trajectory.steps.modes[:, : len(model.friction.constant)]
+        return self._fractions((modes == ENGAGED) & model.friction.holds())
 
     def overrun(self, model: MotionModel) -> Float[Array, " joints"]:
         """Angle by which the hub of each joint gains on its rim in a period [rad]."""
@@ -183,7 +190,7 @@ class SteppedMotion(AbstractMotion):
         """Part of the period in which each joint is open."""
         if model.joints is None:
             return jnp.zeros(0)
-        modes = self.trajectory.steps.modes[:, len(model.friction) :]
+        modes = self.trajectory.steps.modes[:, len(model.friction.constant) :]
         one_way = self._fractions((modes == BELOW) & model.joints.one_way)
         return one_way + _open_clutches(model, wound, weights)
 

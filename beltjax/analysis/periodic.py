@@ -17,6 +17,7 @@ from beltjax.analysis.motion import (
     joints_of,
     layered_shapes,
     load_series,
+    loaded_friction,
     motion_model,
     narrowed,
     oscillator,
@@ -230,7 +231,8 @@ class MotionAsked(eqx.Module):
     samples: int = eqx.field(static=True)
     functions: int = eqx.field(static=True)
     curved: bool = eqx.field(static=True)  # bodies may move on exact paths
-    loose: bool = eqx.field(static=True)  # joints may be clutches
+    loose: bool = eqx.field(static=True)  # joints may be other than springs
+    varied: bool = eqx.field(static=True)  # dry friction may depend on what a body carries
     free: bool = eqx.field(static=True)  # the driver turns by its torque
 
 
@@ -246,8 +248,12 @@ def asked_of(
     free = _driver(point, orders) == "free"
     method = _method(drive, method, free)
     frictions = [body.friction_torque for body in drive.tensioners]
+    varied = [(body.friction_hub, body.friction_spring) for body in drive.tensioners]
+    varied = _any_of([number for numbers in varied for number in numbers])
+    varied = varied or _any_of([body.friction_unwinding - 1 for body in drive.tensioners])
     loose = _any_of([part.law for part in drive.isolators])
-    per_harmonic = _PER_HARMONIC * (2 if loose or _any_of(frictions) else 1)
+    loose = loose or _any_of([part.stop_stiffness for part in drive.isolators])
+    per_harmonic = _PER_HARMONIC * (2 if loose or varied or _any_of(frictions) else 1)
     samples = per_harmonic * how.harmonics if how.samples is None else how.samples
     _require_resolution(how.harmonics, samples, how.functions)
     forcing, base = _forcing(drive, point, orders, how.harmonics)
@@ -262,6 +268,7 @@ def asked_of(
         functions=how.functions,
         curved=bool(drive.tensioners) and _any_of([drive.model.arm_curvature]),
         loose=loose,
+        varied=varied,
         free=free,
     )
 
@@ -292,8 +299,10 @@ def _method(
 def _law_with_modes(drive: Drive) -> str | None:
     """What of the drive has a law with modes; None also where the numbers are traced."""
     for body in drive.tensioners:
-        friction, speed = concrete(body.friction_torque), concrete(body.friction_speed)
-        if friction is not None and speed is not None and friction.any() and not speed.all():
+        numbers = body.friction_torque, body.friction_hub, body.friction_spring
+        friction, speed = [concrete(number) for number in numbers], concrete(body.friction_speed)
+        dry = any(number is not None and number.any() for number in friction)
+        if dry and speed is not None and not speed.all():
             return f"tensioner {body.name!r} with friction_speed = 0"
     for part in drive.isolators:
         law = concrete(part.law)
@@ -361,7 +370,8 @@ def prepared(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> Prepare
     paths = span_paths(drive, steady) if asked.curved else None
     joints = joints_of(drive, lin, asked.damping) if asked.loose else None
     accessories = accessories_of(drive, point, lin) if point.load else None
-    whole = motion_model(lin, asked.damping, paths, joints, accessories)
+    loaded = loaded_friction(drive, lin) if asked.varied else None
+    whole = motion_model(lin, asked.damping, paths, joints, accessories, loaded)
     w = frequency * lin.scales.time
     driver, load = load_series(lin, asked.forcing, w, asked.damping)
     if asked.basis is None:

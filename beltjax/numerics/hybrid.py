@@ -56,6 +56,8 @@ class Elements(NamedTuple):
     present: Bool[Array, " elements"]
     stiffness: Float[Array, " elements"]  # k; 0 where rigid
     damping: Float[Array, " elements"]  # c
+    # What a spring has beyond k s, by the wind-ups; 0 where the element may give way.
+    beyond: Callable[[Float[Array, " elements"]], Float[Array, " elements"]]
     springs: int  # the last of the elements, which have a wind-up s
 
 
@@ -126,7 +128,7 @@ class _Mechanics(NamedTuple):
         free = -self.inverse_mass @ self.force(z, rate, t)
         g = e.rows @ rate + given
         low, high = e.bounds(z, rate, t)
-        pull = e.stiffness * s + e.damping * g
+        pull = e.stiffness * s + e.beyond(s) + e.damping * g
         return _At(free, e.rows @ free + gaining, g, low, high, pull, s)
 
     def winding(self, at: _At, mode: Mode) -> Float[Array, " elements"]:
@@ -135,7 +137,9 @@ class _Mechanics(NamedTuple):
         # At a bound the spring relaxes against its damper; without one it stays as it is.
         relaxes = ((mode == ABOVE) | (mode == BELOW)) & (e.damping > 0) & ~self.rigid
         limit = jnp.where(relaxes, jnp.where(mode == ABOVE, at.high, at.low), 0.0)
-        relaxing = (limit - e.stiffness * at.s) / jnp.where(relaxes, e.damping, 1.0)
+        relaxing = (limit - e.stiffness * at.s - e.beyond(at.s)) / jnp.where(
+            relaxes, e.damping, 1.0
+        )
         return jnp.where(mode == ENGAGED, at.g, jnp.where(relaxes, relaxing, 0.0))
 
     def rate(self, x: State, t: Scalar, mode: Mode) -> State:

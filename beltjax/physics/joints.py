@@ -27,6 +27,8 @@ class Joints(eqx.Module):
     stiffness: Float[Array, " joints"]
     damping: Float[Array, " joints"]
     law: Float[Array, " joints"]  # one of those above
+    stops: Float[Array, "joints 2"]  # wind-ups beyond which it meets stiffer springs
+    stop_stiffness: Float[Array, " joints"]  # of those
 
     @property
     def clutch(self) -> Bool[Array, " joints"]:
@@ -42,14 +44,25 @@ class Joints(eqx.Module):
         """Wind-up of each joint; a spring clutch is open where it is negative."""
         return self.steady + self.rows @ z + self.driving * theta
 
-    def force(self, z: State, rate: State, theta: Scalar, turning: Scalar) -> State:
-        """Force on the coordinates beside that of engaged joints (O7), without `one_way` torques.
+    def stopped(self, wind_ups: Float[Array, " joints"]) -> Float[Array, " joints"]:
+        """Torque of the stops on each hub, at these wind-ups."""
+        least, greatest = self.stops.T
+        past = jnp.where(wind_ups > greatest, wind_ups - greatest, 0.0)
+        short = jnp.where(wind_ups < least, wind_ups - least, 0.0)
+        return self.stop_stiffness * (past + short)
 
-        `theta` is the driver's rotation, and `turning` its rate.
+    def force(self, z: State, rate: State, theta: Scalar, turning: Scalar) -> State:
+        """Force on the coordinates beside that of engaged joints (O7), (O12).
+
+               That is without the torques of the joints that are `one_way`.
+        `theta` is the driver's
+               rotation, and `turning` its rate.
         """
-        engaged = self.stiffness * self.wind_ups(z, theta)
+        wind_ups = self.wind_ups(z, theta)
+        engaged = self.stiffness * wind_ups
         damped = self.damping * (self.rows @ rate + self.driving * turning)
         # The torque of a clutch is max(engaged + damped, 0) where it is wound up, else 0.
         pulls = (engaged > 0) & (engaged + damped > 0)
         kept = ~self.one_way & (pulls | ~self.clutch)
-        return -jnp.where(kept, 0.0, engaged + damped) @ self.rows
+        stopped = jnp.where(self.one_way, 0.0, self.stopped(wind_ups))
+        return (stopped - jnp.where(kept, 0.0, engaged + damped)) @ self.rows

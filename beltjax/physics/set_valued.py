@@ -15,20 +15,15 @@ from jaxtyping import Array, Bool, Float
 
 from beltjax.numerics.hybrid import Elements, HybridSystem, mechanical_system
 from beltjax.physics.joints import DECOUPLER
-from beltjax.physics.motion import MotionModel, dry_friction, stretching
+from beltjax.physics.motion import MotionModel, dry_friction, friction_bounds, stretching
 
 Scalar = Float[Array, ""]
 State = Float[Array, " size"]
 
 
-def holding(model: MotionModel) -> Bool[Array, " coordinates"]:
-    """Which bodies stand still under their friction, which has no speed to turn round at."""
-    return (model.friction > 0) & (model.friction_speed == 0)
-
-
 def has_modes(model: MotionModel) -> Bool[Array, ""]:
     """Whether some law of the drive is set-valued."""
-    found = jnp.any(holding(model))
+    found = jnp.any(model.friction.holds())
     return found if model.joints is None else found | jnp.any(model.joints.one_way)
 
 
@@ -41,7 +36,7 @@ def overruns(model: MotionModel) -> Float[Array, "size joints"]:
     if joints is None or m.rigid is not None:
         return jnp.zeros((len(m.mass), 0 if joints is None else len(joints.rows)))
     fields = len(m.work) * m.functions
-    turning = slice(fields, len(m.mass) - len(m.friction))
+    turning = slice(fields, len(m.mass) - len(m.friction.constant))
     rows = jnp.where(joints.one_way[:, None], joints.rows, 0.0)
     apart = m.stiffness - (rows * joints.stiffness[:, None]).T @ rows
     held = apart[:, turning] / jnp.max(jnp.abs(m.stiffness))
@@ -53,11 +48,6 @@ def overruns(model: MotionModel) -> Float[Array, "size joints"]:
 
 
 _STRAINS = 1e-8  # of the largest stiffness
-
-
-def friction_bounds(model: MotionModel, z: State) -> tuple[Array, Array]:
-    """Least and greatest friction of each body that `holding` holds."""
-    return -model.friction, model.friction
 
 
 def hybrid_drive(
@@ -72,7 +62,7 @@ def hybrid_drive(
     elements are the bodies, then the joints.
     """
     m, joints = model, model.joints
-    size, count = len(m.mass), len(m.friction)
+    size, count = len(m.mass), len(m.friction.constant)
     none = jnp.zeros(0) if joints is None else jnp.zeros(len(joints.rows))
 
     def turning(t: Scalar) -> Scalar:
@@ -81,18 +71,24 @@ def hybrid_drive(
     def force(z: State, rate: State, t: Scalar) -> State:
         theta = driver(t)
         found = m.damping @ rate + m.stiffness @ z + stretching(m, z, theta)
-        found = found + dry_friction(m, rate) - load(z, rate, t)
+        found = found + dry_friction(m, z, rate, theta) - load(z, rate, t)
         if m.accessories is not None:
             found = found + m.accessories.force(rate)
         return found if joints is None else found + joints.force(z, rate, theta, turning(t))
 
     def bounds(z: State, rate: State, t: Scalar) -> tuple[Array, Array]:
-        low, high = friction_bounds(m, z)
+        low, high = friction_bounds(m, z, driver(t))
         return jnp.append(low, none), jnp.append(high, none + jnp.inf)
 
+    def beyond(s: Float[Array, " elements"]) -> Float[Array, " elements"]:
+        if joints is None:
+            return jnp.zeros_like(s)
+        return jnp.append(still, jnp.where(compliant, joints.stopped(s[count:]), 0.0))
+
     rows = jnp.eye(size)[size - count :]
-    present = holding(m)
-    driving, stiffness, damping = none, none, none
+    present = m.friction.holds()
+    driving, stiffness, damping, compliant = none, none, none, none
+    still = jnp.zeros(count)
     if joints is not None:
         rows = jnp.concatenate([rows, joints.rows])
         present = jnp.concatenate([present, joints.one_way])
@@ -100,7 +96,6 @@ def hybrid_drive(
         driving = joints.driving
         stiffness = jnp.where(compliant, joints.stiffness, 0.0)
         damping = jnp.where(compliant, joints.damping, 0.0)
-    still = jnp.zeros(count)
     elements = Elements(
         rows=rows,
         driven=lambda t: jnp.append(still, driving * turning(t)),
@@ -108,6 +103,7 @@ def hybrid_drive(
         present=present,
         stiffness=jnp.append(still, stiffness),
         damping=jnp.append(still, damping),
+        beyond=beyond,
         springs=len(none),
     )
     return mechanical_system(jnp.linalg.inv(m.mass), force, elements)

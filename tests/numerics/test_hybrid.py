@@ -36,7 +36,7 @@ def elements(rows, low, high, stiffness, damping):
     return Elements(
         jnp.asarray(rows), lambda t: jnp.zeros(count) + 0 * t,
         lambda z, rate, t: (jnp.asarray(low), jnp.asarray(high)), jnp.full(count, True),
-        jnp.asarray(stiffness), jnp.asarray(damping), springs,
+        jnp.asarray(stiffness), jnp.asarray(damping), jnp.zeros_like, springs,
     )  # fmt: skip
 
 
