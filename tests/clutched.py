@@ -15,6 +15,7 @@ from beltjax.analysis.motion import (
     widened,
 )
 from beltjax.analysis.orbit_measures import Signals, measures
+from beltjax.analysis.orbit_motion import HarmonicMotion
 from beltjax.numerics.periodic import multipliers, periodic_orbit
 from beltjax.physics.motion import projected
 
@@ -56,6 +57,6 @@ def moved(drive, speed, forcing, samples):
     excited, lin, whole, none = excited_at(drive, speed, forcing)
     orbit = periodic_orbit(oscillator, excited, len(forcing.crank) - 1, samples, past_folds=True)
     coefficients = widened(none, orbit.coefficients)
-    signals = Signals(lin, whole, coefficients, excited.driver, excited.frequency)
+    signals = Signals(lin, whole, HarmonicMotion(coefficients, excited.frequency), excited.driver)
     found = measures(signals, samples)
     return orbit, found, multipliers(oscillator, excited, orbit.coefficients, 800)

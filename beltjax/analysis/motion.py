@@ -13,6 +13,7 @@ from beltjax.analysis.linearization import Linearization
 from beltjax.analysis.orders import Forcing
 from beltjax.analysis.response import moments_on_rotors
 from beltjax.analysis.steady import SteadyState
+from beltjax.drive.bodies import bodies
 from beltjax.drive.groups import Scales
 from beltjax.drive.layout import belt_path, outline
 from beltjax.drive.loads import Load
@@ -21,6 +22,7 @@ from beltjax.drive.shafts import rotors, transmission
 from beltjax.drive.system import Drive
 from beltjax.numerics.harmonic_balance import Neutral, Oscillator, derived, series
 from beltjax.physics.accessories import Accessories
+from beltjax.physics.friction import Friction, Loaded
 from beltjax.physics.joints import Joints
 from beltjax.physics.motion import (
     MotionModel,
@@ -32,6 +34,7 @@ from beltjax.physics.motion import (
 
 LAYERED = 8  # functions of a span from which four of them are its ends' layers
 _LAYERS = 4
+_FAR = 1e6  # wind-up that no joint has [rad]
 
 
 class _Taken(eqx.Module):
@@ -59,6 +62,7 @@ def motion_model(
     paths: SpanPaths | None = None,
     joints: Joints | None = None,
     accessories: Accessories | None = None,
+    loaded: Loaded | None = None,
 ) -> MotionModel:
     """The drive of `linearization` in motion."""
     lin = linearization
@@ -72,8 +76,12 @@ def motion_model(
         pull=lin.model.lam * lin.model.Q,
         bodies=quadratic_strains(lin.model),
         paths=paths,
-        friction=lin.steady.groups.frictions * lin.model.movable,
-        friction_speed=lin.steady.groups.friction_speeds,
+        gains=lin.model.gam,
+        friction=Friction(
+            constant=lin.steady.groups.frictions * lin.model.movable,
+            speed=lin.steady.groups.friction_speeds,
+            loaded=loaded,
+        ),
         joints=joints,
         accessories=accessories,
         rigid=_rigid_rotation(lin) if lin.free else None,
@@ -136,6 +144,33 @@ def span_paths(drive: Drive, steady: SteadyState) -> SpanPaths:
     )
 
 
+def loaded_friction(drive: Drive, lin: Linearization) -> Loaded:
+    """What the dry friction of the tensioners depends on, dimensionless."""
+    steady, scales, movable = lin.steady, lin.scales, lin.model.movable
+    parts, reference = drive.tensioners, steady.reference
+
+    def numbers(field: str) -> Float[Array, " coordinates"]:
+        return jnp.stack([getattr(part, field) for part in parts])
+
+    running = reference.coordinates + steady.coordinate_change
+    pull = numbers("stiffness") * (running - reference.free[: len(parts)]) - numbers("force")
+    directions, loops = reference.layout.directions, drive.loops
+    on_pulley = jnp.eye(lin.spans) - loops.preceding(jnp.eye(lin.spans))
+    carried = bodies(drive).carried  # also by what it sits on
+    bearings = jnp.einsum("pc,ps,sx->cxs", carried, on_pulley, directions)
+    unit = lin.units / scales.energy
+    return Loaded(
+        hub=numbers("friction_hub") * movable * lin.units / scales.length,
+        spring=numbers("friction_spring") * movable,
+        unwinding=numbers("friction_unwinding"),
+        winding=jax.lax.stop_gradient(jnp.where(pull < 0, -1.0, 1.0)),
+        pull=pull * unit,
+        stiffness=numbers("stiffness") * lin.units * unit,
+        bearings=bearings,
+        tensions=steady.effective_tensions,
+    )
+
+
 def joints_of(drive: Drive, lin: Linearization, damping: Damping) -> Joints:
     """The isolators of the drive, some of which are clutches, dimensionless."""
     parts, scales = drive.isolators, lin.scales
@@ -145,14 +180,18 @@ def joints_of(drive: Drive, lin: Linearization, damping: Damping) -> Joints:
     rows = rows.at[:, n : n + len(lin.rotors)].set(wind_ups[:, lin.rotors])
     stiffness = jnp.stack([part.stiffness for part in parts])
     damped = jnp.stack([part.damping for part in parts]) * damping.arm
+    damped = damped + damping.stiffness * stiffness  # it is in the matrix, too
     flags = jax.lax.stop_gradient(jnp.stack([part.pulleys for part in parts]))
+    stops = jnp.stack([part.stops for part in parts])
     return Joints(
         rows=rows,
         driving=wind_ups[:, lin.driver],
         steady=flags @ lin.steady.reference.torques / stiffness,
         stiffness=stiffness / scales.energy,
         damping=damped / (scales.energy * scales.time),
-        clutch=jax.lax.stop_gradient(jnp.stack([part.law for part in parts])),
+        law=jax.lax.stop_gradient(jnp.stack([part.law for part in parts])),
+        stops=jnp.where(jnp.isfinite(stops), stops, _FAR * jnp.array([-1.0, 1.0])),
+        stop_stiffness=jnp.stack([part.stop_stiffness for part in parts]) / scales.energy,
     )
 
 
@@ -238,7 +277,7 @@ def oscillator(excited: Excited, part: Float[Array, ""]) -> Oscillator:
     ) -> Float[Array, " size"]:
         of = part * series(phase, harmonics)
         theta = of @ excited.driver
-        found = stretching(m, z, theta) + dry_friction(m, rate) - of @ excited.load
+        found = stretching(m, z, theta) + dry_friction(m, z, rate, theta) - of @ excited.load
         if m.accessories is not None:
             found = found + m.accessories.force(rate)
         if m.joints is None:

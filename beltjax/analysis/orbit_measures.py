@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from beltjax.analysis.linearization import Linearization
+from beltjax.analysis.orbit_motion import AbstractMotion, PhaseGrid
 from beltjax.drive.readable import Readable
-from beltjax.numerics.harmonic_balance import Coefficients, derived, series
+from beltjax.numerics.harmonic_balance import series
 from beltjax.numerics.roots import solve_dense
-from beltjax.physics.motion import MotionModel, dry_friction, strains
+from beltjax.physics.motion import MotionModel, strains
 
-_TIMES = 4  # points of time per sample of the orbit, from which extremes are refined
 _PLACES = 33  # points of a span
 _REFINEMENTS = 3  # of Newton's method
 _MOST = 1e6  # slip exponent of a pulley beside a span without tension
@@ -32,7 +32,10 @@ class Measures(Readable):
     mean_motions: Float[Array, " tensioners"]  # [rad] or [m]
     greatest_motions: Float[Array, "tensioners 2"]  # least and greatest [rad] or [m]
     friction_work: Float[Array, " tensioners"]  # of their dry friction over a period [J]
+    stuck_fractions: Float[Array, " tensioners"]  # part of the period in which it holds them
     open_fractions: Float[Array, " isolators"]  # part of the period in which a clutch is open
+    overrun_per_period: Float[Array, " isolators"]  # of the hub beyond the rim [rad]
+    overrun_speeds: Float[Array, " isolators"]  # by which the hub turns faster on average [rad/s]
     tension_min: Float[Array, " spans"]  # [N]
     tension_max: Float[Array, " spans"]  # [N]
     slack_fractions: Float[Array, " spans"]  # part of the period with a tension below 0
@@ -48,14 +51,12 @@ class Signals(eqx.Module):
 
     linearization: Linearization
     model: MotionModel
-    coefficients: Coefficients
+    motion: AbstractMotion
     driver: Float[Array, " terms"]
-    frequency: Float[Array, ""]  # dimensionless
 
     def state(self, phase: Float[Array, ""]) -> tuple[Float[Array, " size"], Float[Array, ""]]:
         """Coordinates and the driver's rotation."""
-        of = series(phase, len(self.driver) // 2)
-        return of @ self.coefficients, of @ self.driver
+        return self.motion.at(phase), series(phase, len(self.driver) // 2) @ self.driver
 
     def rotors(self, phase: Float[Array, ""]) -> Float[Array, " rotors"]:
         """Rotations of all rotors [rad]."""
@@ -95,7 +96,8 @@ def measures(signals: Signals, samples: int) -> Measures:
     """Extremes of the motion, whose coefficients were found with that many samples."""
     lin = signals.linearization
     groups, steady = lin.steady.groups, lin.steady
-    phases = jnp.arange(_TIMES * samples) * (2 * jnp.pi / (_TIMES * samples))
+    motion, model = signals.motion, signals.model
+    grid = motion.grid(samples)
 
     def all_of(signals: Signals, phase: Float[Array, ""]) -> Float[Array, " items"]:
         rotors = signals.rotors(phase)
@@ -104,21 +106,25 @@ def measures(signals: Signals, samples: int) -> Measures:
         return jnp.concatenate([*rotations, signals.motions(phase), *pulls])
 
     sizes = [lin.spans, lin.spans, lin.bodies, lin.spans, lin.spans]
-    ends = jnp.split(extremes(all_of, signals, phases), np.cumsum(sizes), axis=1)
+    ends = jnp.split(extremes(all_of, signals, grid), np.cumsum(sizes), axis=1)
     rims, hubs, motions, gains, loads, use = ends
-    slack = jax.vmap(signals.gains)(phases) + steady.running_tensions < 0
-    peaks, slopes = _deflections(signals, phases)
+    slack = jax.vmap(signals.gains)(grid.phases) + steady.running_tensions < 0
+    peaks, slopes = _deflections(signals, grid)
+    overrun = motion.overrun(model)
     return Measures(
         rotation_amplitudes=(rims[1] - rims[0]) / 2,
         hub_rotation_amplitudes=(hubs[1] - hubs[0]) / 2,
         travels=motions[1] - motions[0],
-        mean_motions=lin.split(signals.coefficients[0])[2] * lin.units,
+        mean_motions=lin.split(motion.mean())[2] * lin.units,
         greatest_motions=motions.T,
-        friction_work=_friction_work(signals, phases) * lin.scales.energy,
-        open_fractions=_open_fractions(signals, phases),
+        friction_work=motion.friction_work(model, signals.driver, grid) * lin.scales.energy,
+        stuck_fractions=motion.stuck(model),
+        open_fractions=motion.open(model, _wind_ups(signals, grid), grid.weights),
+        overrun_per_period=overrun,
+        overrun_speeds=overrun * motion.frequency / (2 * jnp.pi * lin.scales.time),
         tension_min=steady.running_tensions + gains[0],
         tension_max=steady.running_tensions + gains[1],
-        slack_fractions=jnp.mean(slack.astype(float), axis=0),
+        slack_fractions=grid.weights @ slack.astype(float),
         span_peaks=peaks * lin.model.lam * lin.scales.length,
         slope_max=slopes,
         hub_load_max=loads[1],
@@ -126,42 +132,28 @@ def measures(signals: Signals, samples: int) -> Measures:
     )
 
 
-def _open_fractions(signals: Signals, phases: Float[Array, " times"]) -> Float[Array, " isolators"]:
-    """Part of the period in which each clutch is open, without a derivative; springs never are."""
+def _wind_ups(signals: Signals, grid: PhaseGrid) -> Float[Array, "times joints"]:
+    """Wind-up of each joint over the period."""
     joints = signals.model.joints
     if joints is None:
-        return jnp.zeros(0)
-    wound = jax.vmap(lambda phase: joints.wind_ups(*signals.state(phase)))(phases)
-    return joints.clutch * jnp.mean((wound < 0).astype(float), axis=0)
-
-
-def _friction_work(signals: Signals, phases: Float[Array, " times"]) -> Float[Array, " tensioners"]:
-    """Work of dry friction over a period, of each body."""
-    X, model = signals.coefficients, signals.model
-    count = len(model.friction)
-
-    # Speeds are derivatives by the phase here, and so is the work: w drops out but in tanh.
-    def at(phase: Float[Array, ""]) -> Float[Array, " tensioners"]:
-        rate = series(phase, len(X) // 2) @ derived(X)
-        force = dry_friction(model, signals.frequency * rate)
-        return (force * rate)[len(rate) - count :]
-
-    return 2 * jnp.pi * jnp.mean(jax.vmap(at)(phases), axis=0)
+        return jnp.zeros((len(grid.phases), 0))
+    return jax.vmap(lambda phase: joints.wind_ups(*signals.state(phase)))(grid.phases)
 
 
 def extremes(
     function: Callable[[Signals, Float[Array, ""]], Float[Array, " items"]],
     signals: Signals,
-    phases: Float[Array, " times"],
+    grid: PhaseGrid,
 ) -> Float[Array, "2 items"]:
     """Least and greatest value over the period of each item of a function of the phase.
 
     The best of the phases given is refined by Newton's method.
     """
+    phases, _, reach = grid
     fixed = jax.lax.stop_gradient(signals)
     values = jax.vmap(lambda phase: function(fixed, phase))(phases)
     starts = phases[jnp.stack([jnp.argmin(values, axis=0), jnp.argmax(values, axis=0)])]
-    reach, one = phases[1] - phases[0], jnp.ones(())
+    one = jnp.ones(())
     sign = jnp.array([[1.0], [-1.0]])
 
     def slope(phase: Float[Array, ""]) -> Float[Array, " items"]:
@@ -183,10 +175,10 @@ def extremes(
 
 
 def _deflections(
-    signals: Signals, phases: Float[Array, " times"]
+    signals: Signals, times: PhaseGrid
 ) -> tuple[Float[Array, " spans"], Float[Array, " spans"]]:
     """Largest deflection of each span over its length, and largest slope, in space and time."""
-    lin = signals.linearization
+    lin, phases = signals.linearization, times.phases
     fixed = jax.lax.stop_gradient(signals)
     grid = jnp.linspace(0.0, 1.0, _PLACES)
     states = jax.vmap(lambda phase: fixed.state(phase)[0])(phases)
@@ -199,7 +191,7 @@ def _deflections(
         time, place = jnp.unravel_index(jnp.argmax(jnp.abs(table)), table.shape)
         start = jnp.stack([grid[place], phases[time]])
         sign = jnp.sign(table[time, place])
-        reach = jnp.stack([grid[1], phases[1]])
+        reach = jnp.stack([grid[1], times.reach])
 
         def newton(_: Array, point: Float[Array, "2"]) -> Float[Array, "2"]:
             slope = jax.grad(lambda point: -sign * at(fixed, point))

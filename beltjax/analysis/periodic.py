@@ -1,4 +1,4 @@
-"""Periodic vibration of finite amplitude: harmonic balance, stability, and its derivatives."""
+"""Periodic vibration of finite amplitude: the motion, its stability, and its derivatives."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -17,6 +17,7 @@ from beltjax.analysis.motion import (
     joints_of,
     layered_shapes,
     load_series,
+    loaded_friction,
     motion_model,
     narrowed,
     oscillator,
@@ -24,7 +25,9 @@ from beltjax.analysis.motion import (
     widened,
 )
 from beltjax.analysis.orbit_measures import Measures, Signals, measures
+from beltjax.analysis.orbit_motion import HarmonicMotion, SteppedMotion
 from beltjax.analysis.orders import Forcing, Orders, given_forcing
+from beltjax.analysis.shooting import shot_system
 from beltjax.analysis.steady import steady_state
 from beltjax.compiling.quick import boundary_jit, usual_promotion
 from beltjax.drive.canonical import canonical, strongly_typed
@@ -39,7 +42,10 @@ from beltjax.numerics.periodic import (
     multipliers,
     periodic_orbit,
 )
+from beltjax.numerics.shooting import ShotOrbit, shot_multipliers, shot_orbit
+from beltjax.physics.joints import DECOUPLER
 from beltjax.physics.motion import MotionModel, projected
+from beltjax.physics.set_valued import has_modes
 from beltjax.results import (
     RESULTS,
     first_failure,
@@ -53,15 +59,38 @@ STEEPEST = 0.2  # slope above which small slopes are no good approximation
 _PER_HARMONIC = 8  # samples
 
 
+class HarmonicBalance(eqx.Module):
+    """Fourier series whose coefficients balance the equations: quick, differentiable, in batches.
+
+    For laws that are functions of state and rate; a branch is followed past the folds of a clutch.
+    """
+
+
+class Shooting(eqx.Module):
+    """Steps in time that end at events, repeated until a period closes: for laws with modes.
+
+    Dry friction that holds, decouplers and rigid clutches, beside all that harmonic balance knows
+    but a driver that is free. The motion is the one to which the drive comes from rest, if Newton's
+    method leads there. Raises `ValueError` for fewer than 8 steps.
+    """
+
+    steps: int = eqx.field(static=True, default=160)  # a period
+
+    def __check_init__(self):
+        if self.steps < 8:
+            raise ValueError(f"Shooting.steps: found {self.steps}; give 8 or more, usually 160.")
+
+
 class PeriodicResponse(eqx.Module):
-    """A periodic motion of a drive about its steady state, found by harmonic balance."""
+    """A periodic motion of a drive about its steady state."""
 
     # Fourier coefficients of the deviation in the linearization's coordinates: the mean, then the
-    # cosine and the sine of each harmonic.
+    # cosine and the sine of each harmonic; of shooting, projections of its steps.
     coefficients: Float[Array, "terms size"]
     frequency: Float[Array, ""]  # of the period [rad/s]
     driver: Float[Array, " terms"]  # rotation of the driver, given [rad]
-    multipliers: Complex[Array, " states"]  # Floquet's, the largest first
+    # Floquet's, the largest first; None where `stability=False` left them out.
+    multipliers: Complex[Array, " states"] | None
     measures: Measures
     friction_use: Float[Array, " pulleys"]  # largest over the period; 0 without friction
     # Mean torque of the driver in the direction of travel, beside what the steady state has [N m];
@@ -72,9 +101,13 @@ class PeriodicResponse(eqx.Module):
     # The equations in the functions that were counted, and these by the linearization's.
     excited: Excited
     shapes: Float[Array, "spans n functions"]
-    conditioning: Float[Array, ""]  # least singular value of the scaled equations; 0 at a fold
-    # Size of the last two harmonics over that of all: what is left out is of that size. The
-    # error of the functions of the spans is not in it.
+    # Least singular value of the scaled equations, 0 at a fold. Of shooting, the least rate at
+    # which an event is met, over that of its parts: 0 where one only touches, 1 without events.
+    # None as `multipliers`.
+    conditioning: Float[Array, ""] | None
+    # Size of the last two harmonics over that of all: what is left out is of that size; of
+    # shooting, an estimate of what its steps miss. The error of the functions of the spans is not
+    # in it.
     error: Float[Array, ""]
     result: RESULTS
     warning: RESULTS
@@ -87,7 +120,9 @@ class PeriodicResponse(eqx.Module):
 
     @property
     def stable(self) -> Bool[Array, ""]:
-        """Whether a small disturbance dies out."""
+        """Whether a small disturbance dies out; raises `ValueError` where that was left out."""
+        if self.multipliers is None:
+            raise ValueError("PeriodicResponse.stable: was left out; leave out stability=False.")
         return jnp.abs(self.multipliers[0]) < 1
 
     @usual_promotion
@@ -131,20 +166,22 @@ def periodic_response(
     functions: int = 16,
     basis: AbstractBasis | None = None,
     damping: Damping | None = None,
+    method: HarmonicBalance | Shooting | None = None,
+    stability: bool = True,
     throw: bool = True,
 ) -> PeriodicResponse:
     """Periodic motion of finite amplitude under crank motion and torques at orders of the speed.
 
     The spans stretch by the squares of their slopes and of the tensioners' motions, so that
-    tension and deflection act on each other; dry friction of the tensioners and clutches
-    (`Isolator.law`) are counted.
-    docs/theory/motion.md. Small amplitudes give
+    tension and deflection act on each other; dry friction of the tensioners, clutches
+    (`Isolator.law`) and loads over speed are counted; docs/theory/motion.md. Small amplitudes give
     `speed_response`. The motion is the one that grows from rest with the excitation.
 
-    The result is that of the steady state, or `orbit_not_found`, or `numbers_unusable` for an
-    excitation that is not finite. With `throw=False` read
+    The result is that of the steady state, or `orbit_not_found`, or `too_many_events`, or
+    `motion_has_modes` where harmonic balance is asked for laws that it does not know, or
+    `numbers_unusable` for an excitation that is not finite. With `throw=False` read
     `.result`: a failed motion is zero. A success may carry a `.warning`: `orbit_unstable`,
-    `span_slack_in_motion`, `slope_too_large` or `belt_slips_in_motion`, in this order.
+    `span_slack_in_motion`, `slope_too_large`, `belt_slips_in_motion` or `grazing`, in this order.
 
     Args:
         drive: the drive.
@@ -158,14 +195,18 @@ def periodic_response(
             spans straight.
         basis: functions for the deflections in place of these, such as `Legendre(24)`.
         damping: `Damping()` unless given, which counts the drive's own dampers.
+        method: `HarmonicBalance()` unless given, and `Shooting()` of a drive with a tensioner whose
+            `friction_speed` is 0, a decoupler or a rigid clutch.
+        stability: find `multipliers` and `conditioning`, which takes harmonic balance as long as
+            the motion itself; without them nothing warns of an unstable motion.
         throw: raise where the result is a failure.
 
     Returns:
         The motion with its stability and its extremes.
 
     Raises:
-        ValueError: an inertia or an excitation is missing, harmonics or samples are too few, or the
-            excitation names a pulley that is not there.
+        ValueError: an inertia or an excitation is missing, harmonics or samples are too few, the
+            excitation names a pulley that is not there, or the method does not know a law.
         AnalysisError: the result is a failure, and `throw` is set.
 
     Examples:
@@ -175,9 +216,8 @@ def periodic_response(
         >>> found = bj.periodic_response(drive, point, orders, damping=damping)
         >>> found.measures.tension_min, found.stable
     """
-    asked = asked_of(
-        drive, point, orders, Resolution(harmonics, samples, functions, basis), damping
-    )
+    resolution = Resolution(harmonics, samples, functions, basis)
+    asked = asked_of(drive, point, orders, resolution, damping, method, stability)
     found = _periodic(*canonical(drive, point), asked)
     return raise_unless_successful(found, found.result, throw)
 
@@ -198,10 +238,13 @@ class MotionAsked(eqx.Module):
     base: Float[Array, ""]  # order of the period
     damping: Damping
     basis: AbstractBasis | None
+    method: HarmonicBalance | Shooting
+    stability: bool = eqx.field(static=True)
     samples: int = eqx.field(static=True)
     functions: int = eqx.field(static=True)
     curved: bool = eqx.field(static=True)  # bodies may move on exact paths
-    loose: bool = eqx.field(static=True)  # joints may be clutches
+    loose: bool = eqx.field(static=True)  # joints may be other than springs
+    varied: bool = eqx.field(static=True)  # dry friction may depend on what a body carries
     free: bool = eqx.field(static=True)  # the driver turns by its torque
 
 
@@ -211,11 +254,19 @@ def asked_of(
     orders: Orders | None,
     how: Resolution,
     damping: Damping | None,
+    method: HarmonicBalance | Shooting | None = None,
+    stability: bool = True,
 ) -> MotionAsked:
     """The question of `periodic_response` for compiled code; raises `ValueError` as that does."""
+    free = _driver(point, orders) == "free"
+    method = _method(drive, method, free)
     frictions = [body.friction_torque for body in drive.tensioners]
+    varied = [(body.friction_hub, body.friction_spring) for body in drive.tensioners]
+    varied = _any_of([number for numbers in varied for number in numbers])
+    varied = varied or _any_of([body.friction_unwinding - 1 for body in drive.tensioners])
     loose = _any_of([part.law for part in drive.isolators])
-    per_harmonic = _PER_HARMONIC * (2 if loose or _any_of(frictions) else 1)
+    loose = loose or _any_of([part.stop_stiffness for part in drive.isolators])
+    per_harmonic = _PER_HARMONIC * (2 if loose or varied or _any_of(frictions) else 1)
     samples = per_harmonic * how.harmonics if how.samples is None else how.samples
     _require_resolution(how.harmonics, samples, how.functions)
     forcing, base = _forcing(drive, point, orders, how.harmonics)
@@ -225,12 +276,53 @@ def asked_of(
         base=base,
         damping=damping,
         basis=how.basis,
+        method=method,
+        stability=stability,
         samples=samples,
         functions=how.functions,
         curved=bool(drive.tensioners) and _any_of([drive.model.arm_curvature]),
         loose=loose,
-        free=_driver(point, orders) == "free",
+        varied=varied,
+        free=free,
     )
+
+
+def _method(
+    drive: Drive, method: HarmonicBalance | Shooting | None, free: bool
+) -> HarmonicBalance | Shooting:
+    """The method that was asked for, or the one that knows the drive's laws.
+
+    Raises `ValueError` for one that does not, as far as the numbers are known.
+    """
+    found = _law_with_modes(drive)
+    if method is None:
+        method = HarmonicBalance() if found is None else Shooting()
+    if isinstance(method, HarmonicBalance) and found is not None:
+        raise ValueError(
+            f"method: found HarmonicBalance(), and {found} changes the equations at events, which "
+            "it does not know; give Shooting(), or a smooth law."
+        )
+    if isinstance(method, Shooting) and free:
+        raise ValueError(
+            "method: found Shooting(), and the driver is free; give the motion of the driver, or "
+            "HarmonicBalance() and laws without modes."
+        )
+    return method
+
+
+def _law_with_modes(drive: Drive) -> str | None:
+    """What of the drive has a law with modes; None also where the numbers are traced."""
+    for body in drive.tensioners:
+        numbers = body.friction_torque, body.friction_hub, body.friction_spring
+        friction, speed = [concrete(number) for number in numbers], concrete(body.friction_speed)
+        dry = any(number is not None and number.any() for number in friction)
+        if dry and speed is not None and not speed.all():
+            return f"tensioner {body.name!r} with friction_speed = 0"
+    for part in drive.isolators:
+        law = concrete(part.law)
+        if law is not None and (law >= DECOUPLER).any():
+            return f"isolator {part.name!r} with its law"
+    return None
 
 
 def _forcing(
@@ -292,7 +384,8 @@ def prepared(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> Prepare
     paths = span_paths(drive, steady) if asked.curved else None
     joints = joints_of(drive, lin, asked.damping) if asked.loose else None
     accessories = accessories_of(drive, point, lin) if point.load else None
-    whole = motion_model(lin, asked.damping, paths, joints, accessories)
+    loaded = loaded_friction(drive, lin) if asked.varied else None
+    whole = motion_model(lin, asked.damping, paths, joints, accessories, loaded)
     w = frequency * lin.scales.time
     driver, load = load_series(lin, asked.forcing, w, asked.damping)
     if asked.basis is None:
@@ -312,61 +405,123 @@ def prepared(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> Prepare
 def _periodic(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> PeriodicResponse:
     made = prepared(drive, point, asked)
     harmonics = len(asked.forcing.crank) - 1
+    if isinstance(asked.method, Shooting):
+        return _shot(made, shot_orbit(shot_system, made.excited, asked.method.steps), harmonics)
     # An opening clutch softens the drive so much that the branch from rest folds.
     orbit = periodic_orbit(
         oscillator, made.excited, harmonics, made.samples, past_folds=asked.loose
     )
-    return described(made, orbit)
+    return described(made, orbit, asked.stability)
 
 
-def described(made: Prepared, orbit: Orbit) -> PeriodicResponse:
-    """The answer about an orbit of the drive."""
+class _Found(NamedTuple):
+    """A motion and its evidence, as the methods differ in it."""
+
+    signals: Signals
+    coefficients: Float[Array, "terms size"]
+    multipliers: Complex[Array, " states"] | None
+    torque: Float[Array, ""]
+    conditioning: Float[Array, ""] | None
+    error: Float[Array, ""]
+    failures: tuple[tuple[Bool[Array, ""], RESULTS], ...]
+    grazes: Bool[Array, ""]
+    stats: dict[str, Array]
+
+
+def described(made: Prepared, orbit: Orbit, stability: bool = True) -> PeriodicResponse:
+    """The answer about an orbit of the drive, by harmonic balance."""
     lin, driver, w = made.linearization, made.excited.driver, made.excited.frequency
     neutral = oscillator(made.excited, jnp.ones(())).neutral
     found_at, torque = orbit.coefficients, jnp.zeros(())
     if neutral is not None:
         torque = neutral.mean_load(found_at)
         found_at = found_at.at[0].add(torque * neutral.direction)  # its mean rotation is 0
-    signals = Signals(lin, made.model, widened(made.shapes, found_at), driver, w)
-    found = measures(signals, made.samples)
-    use = _friction_use(made.drive, lin, found)
-    equations = oscillator, made.excited
-    floquet = multipliers(*equations, orbit.coefficients)
+    motion = HarmonicMotion(coefficients=widened(made.shapes, found_at), frequency=w)
+    floquet = distance = None
+    if stability:
+        equations = oscillator, made.excited, orbit.coefficients
+        floquet, distance = multipliers(*equations), conditioning(*equations, made.samples)
     size = jnp.linalg.norm(orbit.coefficients)
-    result = first_failure(
-        (~succeeded(made.result), made.result), (~orbit.converged, RESULTS.orbit_not_found)
-    )
-    answer = PeriodicResponse(
-        coefficients=signals.coefficients,
-        frequency=made.frequency,
-        driver=driver,
+    found = _Found(
+        signals=Signals(lin, made.model, motion, driver),
+        coefficients=motion.coefficients,
         multipliers=floquet,
-        measures=found,
-        friction_use=use,
-        mean_driver_torque=torque * lin.scales.energy,
-        linearization=lin,
-        signals=signals,
-        excited=made.excited,
-        shapes=made.shapes,
-        conditioning=conditioning(*equations, orbit.coefficients, made.samples),
+        torque=torque * lin.scales.energy,
+        conditioning=distance,
         error=jnp.linalg.norm(orbit.coefficients[-4:]) / jnp.where(size > 0, size, 1.0),
-        result=result,
-        warning=first_failure(
-            (jnp.abs(floquet[0]) > 1, RESULTS.orbit_unstable),
-            (jnp.min(found.tension_min) < 0, RESULTS.span_slack_in_motion),
-            (jnp.max(found.slope_max) > STEEPEST, RESULTS.slope_too_large),
-            (jnp.max(use) > 1, RESULTS.belt_slips_in_motion),
+        failures=(
+            (has_modes(made.model), RESULTS.motion_has_modes),
+            (~orbit.converged, RESULTS.orbit_not_found),
         ),
+        grazes=jnp.array(False),
         stats={"steps": orbit.steps, "residual": orbit.step},
     )
+    return _answer(made, found)
+
+
+def _shot(made: Prepared, orbit: ShotOrbit, harmonics: int) -> PeriodicResponse:
+    """The answer about an orbit of the drive, by shooting."""
+    motion = SteppedMotion(
+        trajectory=orbit.trajectory, shapes=made.shapes, frequency=made.excited.frequency
+    )
+    found = _Found(
+        signals=Signals(made.linearization, made.model, motion, made.excited.driver),
+        coefficients=motion.coefficients(harmonics),
+        multipliers=shot_multipliers(orbit),
+        torque=jnp.zeros(()),
+        conditioning=orbit.least,
+        error=orbit.error,
+        failures=(
+            (orbit.crowded, RESULTS.too_many_events),
+            (~orbit.converged, RESULTS.orbit_not_found),
+        ),
+        grazes=orbit.least < _GRAZES,
+        stats={"steps": orbit.periods, "residual": orbit.gap, "events": orbit.events},
+    )
+    return _answer(made, found)
+
+
+def _answer(made: Prepared, found: _Found) -> PeriodicResponse:
+    lin, extremes = made.linearization, measures(found.signals, made.samples)
+    use, floquet = _friction_use(made.drive, lin, extremes), found.multipliers
+    unstable = jnp.array(False) if floquet is None else jnp.abs(floquet[0]) > 1
+    result = first_failure((~succeeded(made.result), made.result), *found.failures)
+    answer = PeriodicResponse(
+        coefficients=found.coefficients,
+        frequency=made.frequency,
+        driver=made.excited.driver,
+        multipliers=floquet,
+        measures=extremes,
+        friction_use=use,
+        mean_driver_torque=found.torque,
+        linearization=lin,
+        signals=found.signals,
+        excited=made.excited,
+        shapes=made.shapes,
+        conditioning=found.conditioning,
+        error=found.error,
+        result=result,
+        warning=first_failure(
+            (unstable, RESULTS.orbit_unstable),
+            (jnp.min(extremes.tension_min) < 0, RESULTS.span_slack_in_motion),
+            (jnp.max(extremes.slope_max) > STEEPEST, RESULTS.slope_too_large),
+            (jnp.max(use) > 1, RESULTS.belt_slips_in_motion),
+            (found.grazes, RESULTS.grazing),
+        ),
+        stats=found.stats,
+    )
     return frozen_where_failed(answer, result)
+
+
+_GRAZES = 1e-3  # least rate of an event, over that of its parts
 
 
 def stability_margin(response: PeriodicResponse) -> Float[Array, ""]:
     """What is left of a motion's stability: 1 less the modulus of its largest Floquet multiplier.
 
     Negative where the motion is unstable. Unlike `response.multipliers` it has derivatives, which
-    cost one more monodromy matrix. Where the motion was not found it is 0 and has none.
+    cost one more monodromy matrix; those of a motion by `Shooting` are NaN. Where the motion was
+    not found it is a placeholder without derivatives.
 
     Args:
         response: a motion, as `periodic_response` returns it.
@@ -387,8 +542,12 @@ def stability_margin(response: PeriodicResponse) -> Float[Array, ""]:
 @boundary_jit
 def _stability_margin(response: PeriodicResponse) -> Float[Array, ""]:
     of = response
-    orbit = narrowed(of.shapes, of.coefficients)
-    margin = 1 - largest_multiplier(oscillator, of.excited, orbit)
+    if isinstance(of.signals.motion, HarmonicMotion):
+        orbit = narrowed(of.shapes, of.coefficients)
+        margin = 1 - largest_multiplier(oscillator, of.excited, orbit)
+    else:
+        assert of.multipliers is not None  # shooting always has them
+        margin = 1 - jnp.abs(of.multipliers[0])
     return frozen_where_failed(margin, of.result)
 
 

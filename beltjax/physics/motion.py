@@ -20,6 +20,7 @@ from jaxtyping import Array, Float
 from beltjax.numerics.loops import Loops
 from beltjax.numerics.rigid_bodies import Bodies, moved
 from beltjax.physics.accessories import Accessories
+from beltjax.physics.friction import Friction
 from beltjax.physics.joints import Joints
 from beltjax.physics.vibration import VibrationModel
 
@@ -81,8 +82,8 @@ class MotionModel(eqx.Module):
     pull: Spans  # lam Q
     bodies: Float[Array, "spans coordinates coordinates"]  # N of the bodies is q.bodies q/2 ..
     paths: SpanPaths | None  # .. and what these add to it; None: nothing
-    friction: Float[Array, " coordinates"]  # dry, of the bodies
-    friction_speed: Float[Array, " coordinates"]
+    gains: Spans  # gamma: tension that a span gains by its strain
+    friction: Friction  # dry, of the bodies
     joints: Joints | None  # those of pulleys that are not springs alone
     accessories: Accessories | None  # those whose torques depend on speed
     rigid: State | None  # rotation that strains nothing; None where the driver's is given
@@ -131,8 +132,8 @@ def projected(model: MotionModel, shapes: Float[Array, "spans n fewer"]) -> Moti
         pull=m.pull,
         bodies=m.bodies,
         paths=m.paths,
+        gains=m.gains,
         friction=m.friction,
-        friction_speed=m.friction_speed,
         joints=fewer_columns(m.joints),
         accessories=fewer_columns(m.accessories),
         rigid=None if m.rigid is None else rows(m.rigid[:, None])[:, 0],
@@ -172,11 +173,20 @@ def stretching(model: MotionModel, z: State, theta: Scalar | float = 0.0) -> Sta
     return (m.work * beyond) @ m.elongations + force
 
 
-def dry_friction(model: MotionModel, rate: State) -> State:
-    """The force of dry friction against the bodies' motion, T tanh(q'/v) (O5)."""
-    count = len(model.friction)
-    on_bodies = model.friction * jnp.tanh(rate[len(rate) - count :] / model.friction_speed)
-    return jnp.concatenate([jnp.zeros(len(rate) - count), on_bodies])
+def friction_bounds(
+    model: MotionModel, z: State, theta: Scalar | float
+) -> tuple[Float[Array, " coordinates"], Float[Array, " coordinates"]]:
+    """Least and greatest force of dry friction on each body."""
+    none = model.friction.loaded is None
+    gains = jnp.zeros_like(model.gains) if none else model.gains * strains(model, z, theta)
+    return model.friction.bounds(model.parts(z)[1], gains)
+
+
+def dry_friction(model: MotionModel, z: State, rate: State, theta: Scalar | float) -> State:
+    """The force of smooth dry friction against the bodies' motion (O5)."""
+    moved = len(rate) - len(model.friction.constant)
+    on_bodies = model.friction.smooth(rate[moved:], *friction_bounds(model, z, theta))
+    return jnp.concatenate([jnp.zeros(moved), on_bodies])
 
 
 def energy(model: MotionModel, z: State, rate: State) -> Scalar:

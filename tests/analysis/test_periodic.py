@@ -16,6 +16,7 @@ import beltjax as bj
 from beltjax.analysis.damping import damping_matrix
 from beltjax.analysis.motion import Excited, load_series, motion_model, oscillator, span_paths
 from beltjax.analysis.orbit_measures import Signals, measures
+from beltjax.analysis.orbit_motion import HarmonicMotion
 from beltjax.compiling.quick import quickly_compiled
 from beltjax.numerics.periodic import periodic_orbit
 from beltjax.physics.motion import stretching
@@ -402,7 +403,9 @@ def test_stored_case_of_an_arm_at_large_angles():
         whole = motion_model(lin, MODAL, paths)
         excited = Excited(whole, frequency, driver, load)
         orbit = periodic_orbit(oscillator, excited, 8, 64)
-        return orbit, measures(Signals(lin, whole, orbit.coefficients, driver, frequency), 64)
+        return orbit, measures(
+            Signals(lin, whole, HarmonicMotion(orbit.coefficients, frequency), driver), 64
+        )
 
     orbit, found = quickly_compiled(move)(lin, paths)
     assert orbit.converged
