@@ -375,6 +375,7 @@ def shot_orbit(
     found, converged, periods = _followed(lambda load: system(fixed, load), steps, tol)
     still = system(fixed, jnp.ones(()))
     made = jax.tree.map(lambda rows: jnp.where(converged, rows, 0), found.flow.steps)
+    made = made._replace(events=jnp.where(converged, made.events, -1))
     start, drift, inverse = (
         jnp.where(converged, x, 0.0) for x in (found.state, found.drift, found.inverse)
     )
