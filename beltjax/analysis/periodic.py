@@ -35,7 +35,13 @@ from beltjax.drive.components import as_real, concrete
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis, Legendre
-from beltjax.numerics.periodic import Orbit, largest_multiplier, multipliers, periodic_orbit
+from beltjax.numerics.periodic import (
+    Orbit,
+    conditioning,
+    largest_multiplier,
+    multipliers,
+    periodic_orbit,
+)
 from beltjax.numerics.shooting import ShotOrbit, shot_multipliers, shot_orbit
 from beltjax.physics.joints import DECOUPLER
 from beltjax.physics.motion import MotionModel, projected
@@ -83,7 +89,8 @@ class PeriodicResponse(eqx.Module):
     coefficients: Float[Array, "terms size"]
     frequency: Float[Array, ""]  # of the period [rad/s]
     driver: Float[Array, " terms"]  # rotation of the driver, given [rad]
-    multipliers: Complex[Array, " states"]  # Floquet's, the largest first
+    # Floquet's, the largest first; None where `stability=False` left them out.
+    multipliers: Complex[Array, " states"] | None
     measures: Measures
     friction_use: Float[Array, " pulleys"]  # largest over the period; 0 without friction
     # Mean torque of the driver in the direction of travel, beside what the steady state has [N m];
@@ -96,7 +103,8 @@ class PeriodicResponse(eqx.Module):
     shapes: Float[Array, "spans n functions"]
     # Least singular value of the scaled equations, 0 at a fold. Of shooting, the least rate at
     # which an event is met, over that of its parts: 0 where one only touches, 1 without events.
-    conditioning: Float[Array, ""]
+    # None as `multipliers`.
+    conditioning: Float[Array, ""] | None
     # Size of the last two harmonics over that of all: what is left out is of that size; of
     # shooting, an estimate of what its steps miss. The error of the functions of the spans is not
     # in it.
@@ -112,7 +120,9 @@ class PeriodicResponse(eqx.Module):
 
     @property
     def stable(self) -> Bool[Array, ""]:
-        """Whether a small disturbance dies out."""
+        """Whether a small disturbance dies out; raises `ValueError` where that was left out."""
+        if self.multipliers is None:
+            raise ValueError("PeriodicResponse.stable: was left out; leave out stability=False.")
         return jnp.abs(self.multipliers[0]) < 1
 
     @usual_promotion
@@ -157,14 +167,14 @@ def periodic_response(
     basis: AbstractBasis | None = None,
     damping: Damping | None = None,
     method: HarmonicBalance | Shooting | None = None,
+    stability: bool = True,
     throw: bool = True,
 ) -> PeriodicResponse:
     """Periodic motion of finite amplitude under crank motion and torques at orders of the speed.
 
     The spans stretch by the squares of their slopes and of the tensioners' motions, so that
-    tension and deflection act on each other; dry friction of the tensioners and clutches
-    (`Isolator.law`) are counted.
-    docs/theory/motion.md. Small amplitudes give
+    tension and deflection act on each other; dry friction of the tensioners, clutches
+    (`Isolator.law`) and loads over speed are counted; docs/theory/motion.md. Small amplitudes give
     `speed_response`. The motion is the one that grows from rest with the excitation.
 
     The result is that of the steady state, or `orbit_not_found`, or `too_many_events`, or
@@ -187,6 +197,8 @@ def periodic_response(
         damping: `Damping()` unless given, which counts the drive's own dampers.
         method: `HarmonicBalance()` unless given, and `Shooting()` of a drive with a tensioner whose
             `friction_speed` is 0, a decoupler or a rigid clutch.
+        stability: find `multipliers` and `conditioning`, which takes harmonic balance as long as
+            the motion itself; without them nothing warns of an unstable motion.
         throw: raise where the result is a failure.
 
     Returns:
@@ -204,9 +216,8 @@ def periodic_response(
         >>> found = bj.periodic_response(drive, point, orders, damping=damping)
         >>> found.measures.tension_min, found.stable
     """
-    asked = asked_of(
-        drive, point, orders, Resolution(harmonics, samples, functions, basis), damping, method
-    )
+    resolution = Resolution(harmonics, samples, functions, basis)
+    asked = asked_of(drive, point, orders, resolution, damping, method, stability)
     found = _periodic(*canonical(drive, point), asked)
     return raise_unless_successful(found, found.result, throw)
 
@@ -228,6 +239,7 @@ class MotionAsked(eqx.Module):
     damping: Damping
     basis: AbstractBasis | None
     method: HarmonicBalance | Shooting
+    stability: bool = eqx.field(static=True)
     samples: int = eqx.field(static=True)
     functions: int = eqx.field(static=True)
     curved: bool = eqx.field(static=True)  # bodies may move on exact paths
@@ -243,6 +255,7 @@ def asked_of(
     how: Resolution,
     damping: Damping | None,
     method: HarmonicBalance | Shooting | None = None,
+    stability: bool = True,
 ) -> MotionAsked:
     """The question of `periodic_response` for compiled code; raises `ValueError` as that does."""
     free = _driver(point, orders) == "free"
@@ -264,6 +277,7 @@ def asked_of(
         damping=damping,
         basis=how.basis,
         method=method,
+        stability=stability,
         samples=samples,
         functions=how.functions,
         curved=bool(drive.tensioners) and _any_of([drive.model.arm_curvature]),
@@ -397,7 +411,7 @@ def _periodic(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> Period
     orbit = periodic_orbit(
         oscillator, made.excited, harmonics, made.samples, past_folds=asked.loose
     )
-    return described(made, orbit)
+    return described(made, orbit, asked.stability)
 
 
 class _Found(NamedTuple):
@@ -405,16 +419,16 @@ class _Found(NamedTuple):
 
     signals: Signals
     coefficients: Float[Array, "terms size"]
-    multipliers: Complex[Array, " states"]
+    multipliers: Complex[Array, " states"] | None
     torque: Float[Array, ""]
-    conditioning: Float[Array, ""]
+    conditioning: Float[Array, ""] | None
     error: Float[Array, ""]
     failures: tuple[tuple[Bool[Array, ""], RESULTS], ...]
     grazes: Bool[Array, ""]
     stats: dict[str, Array]
 
 
-def described(made: Prepared, orbit: Orbit) -> PeriodicResponse:
+def described(made: Prepared, orbit: Orbit, stability: bool = True) -> PeriodicResponse:
     """The answer about an orbit of the drive, by harmonic balance."""
     lin, driver, w = made.linearization, made.excited.driver, made.excited.frequency
     neutral = oscillator(made.excited, jnp.ones(())).neutral
@@ -423,13 +437,17 @@ def described(made: Prepared, orbit: Orbit) -> PeriodicResponse:
         torque = neutral.mean_load(found_at)
         found_at = found_at.at[0].add(torque * neutral.direction)  # its mean rotation is 0
     motion = HarmonicMotion(coefficients=widened(made.shapes, found_at), frequency=w)
+    floquet = distance = None
+    if stability:
+        equations = oscillator, made.excited, orbit.coefficients
+        floquet, distance = multipliers(*equations), conditioning(*equations, made.samples)
     size = jnp.linalg.norm(orbit.coefficients)
     found = _Found(
         signals=Signals(lin, made.model, motion, driver),
         coefficients=motion.coefficients,
-        multipliers=multipliers(oscillator, made.excited, orbit.coefficients),
+        multipliers=floquet,
         torque=torque * lin.scales.energy,
-        conditioning=orbit.conditioning,
+        conditioning=distance,
         error=jnp.linalg.norm(orbit.coefficients[-4:]) / jnp.where(size > 0, size, 1.0),
         failures=(
             (has_modes(made.model), RESULTS.motion_has_modes),
@@ -466,6 +484,7 @@ def _shot(made: Prepared, orbit: ShotOrbit, harmonics: int) -> PeriodicResponse:
 def _answer(made: Prepared, found: _Found) -> PeriodicResponse:
     lin, extremes = made.linearization, measures(found.signals, made.samples)
     use, floquet = _friction_use(made.drive, lin, extremes), found.multipliers
+    unstable = jnp.array(False) if floquet is None else jnp.abs(floquet[0]) > 1
     result = first_failure((~succeeded(made.result), made.result), *found.failures)
     answer = PeriodicResponse(
         coefficients=found.coefficients,
@@ -483,7 +502,7 @@ def _answer(made: Prepared, found: _Found) -> PeriodicResponse:
         error=found.error,
         result=result,
         warning=first_failure(
-            (jnp.abs(floquet[0]) > 1, RESULTS.orbit_unstable),
+            (unstable, RESULTS.orbit_unstable),
             (jnp.min(extremes.tension_min) < 0, RESULTS.span_slack_in_motion),
             (jnp.max(extremes.slope_max) > STEEPEST, RESULTS.slope_too_large),
             (jnp.max(use) > 1, RESULTS.belt_slips_in_motion),
@@ -501,7 +520,8 @@ def stability_margin(response: PeriodicResponse) -> Float[Array, ""]:
     """What is left of a motion's stability: 1 less the modulus of its largest Floquet multiplier.
 
     Negative where the motion is unstable. Unlike `response.multipliers` it has derivatives, which
-    cost one more monodromy matrix. Where the motion was not found it is 0 and has none.
+    cost one more monodromy matrix; those of a motion by `Shooting` are NaN. Where the motion was
+    not found it is a placeholder without derivatives.
 
     Args:
         response: a motion, as `periodic_response` returns it.
@@ -522,8 +542,12 @@ def stability_margin(response: PeriodicResponse) -> Float[Array, ""]:
 @boundary_jit
 def _stability_margin(response: PeriodicResponse) -> Float[Array, ""]:
     of = response
-    orbit = narrowed(of.shapes, of.coefficients)
-    margin = 1 - largest_multiplier(oscillator, of.excited, orbit)
+    if isinstance(of.signals.motion, HarmonicMotion):
+        orbit = narrowed(of.shapes, of.coefficients)
+        margin = 1 - largest_multiplier(oscillator, of.excited, orbit)
+    else:
+        assert of.multipliers is not None  # shooting always has them
+        margin = 1 - jnp.abs(of.multipliers[0])
     return frozen_where_failed(margin, of.result)
 
 

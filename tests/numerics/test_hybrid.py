@@ -18,7 +18,7 @@ def followed(system, x, end):
         count = len(guards(x, t, mode))
         falls = [lambda s, y, k=k, mode=mode: float(guards(y, s, mode)[k]) for k in range(count)]
         for fall in falls:
-            fall.terminal, fall.direction = True, -1
+            vars(fall).update(terminal=True, direction=-1)
         run = scipy.integrate.solve_ivp(
             lambda s, y, mode=mode: rate(y, s, mode), (t, end), x, events=falls, rtol=1e-11,
             atol=1e-13,
