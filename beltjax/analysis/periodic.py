@@ -294,7 +294,7 @@ def _method(
 
     Raises `ValueError` for one that does not, as far as the numbers are known.
     """
-    found = _law_with_modes(drive)
+    found = law_with_modes(drive)
     if method is None:
         method = HarmonicBalance() if found is None else Shooting()
     if isinstance(method, HarmonicBalance) and found is not None:
@@ -310,7 +310,7 @@ def _method(
     return method
 
 
-def _law_with_modes(drive: Drive) -> str | None:
+def law_with_modes(drive: Drive) -> str | None:
     """What of the drive has a law with modes; None also where the numbers are traced."""
     for body in drive.tensioners:
         numbers = body.friction_torque, body.friction_hub, body.friction_spring
