@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from clutched import HUB, RPM, clutched, shot
+from clutched import HUB, RPM, clutched, moved, shot
 from drives import example
 
 import beltjax as bj
@@ -112,6 +112,37 @@ def test_overrun_grows_with_the_excitation():
     ]
     assert gains == sorted(gains)
     assert gains[0] < 0.5 * gains[-1]
+
+
+@pytest.mark.slow
+def test_stops_by_two_methods():
+    stops = {"stops": (-1.0, 0.08), "stop_stiffness": 300.0}
+    drive, speed = clutched("spring", **stops), jnp.asarray(900 * RPM)
+    _, found, floquet, _ = quickly_compiled(shot)(drive, speed, forcing(0.25), 640)
+    many = bj.Orders({2: bj.Excitation(crank=np.deg2rad(0.25))}).forcing(("crank", "a"), 24)
+    orbit, other, balanced = quickly_compiled(moved)(drive, speed, many, 768)
+    assert orbit.converged
+    ours, theirs = (m.hub_rotation_amplitudes[1] for m in (found, other))
+    assert ours == pytest.approx(float(theirs), rel=1e-5)
+    assert abs(floquet[0]) == pytest.approx(abs(balanced[0]), rel=1e-4)
+    _, free, _, _ = quickly_compiled(shot)(clutched("spring"), speed, forcing(0.25), 640)
+    assert free.hub_rotation_amplitudes[1] != pytest.approx(float(ours), rel=0.01)
+
+
+def test_stops_of_a_decoupler_limit_its_wind_up():
+    # Stops of k beside a spring of k are a spring of 2 k beyond them.
+    far, near = (
+        clutched("decoupler", stops=(-1.0, greatest), stop_stiffness=1e4)
+        for greatest in (10.0, 0.06)
+    )
+    winds = []
+    for drive in (clutched("decoupler"), far, near):
+        orbit, _, _, (excited, _) = found_of(drive)
+        assert orbit.converged
+        states, _ = orbit.trajectory.stages
+        winds.append(float(jnp.max(states[:, 2 * len(excited.model.mass)])))
+    assert winds[1] == pytest.approx(winds[0], rel=1e-12)
+    assert 0.06 < winds[2] < 0.07 < winds[0]
 
 
 @pytest.mark.slow

@@ -200,7 +200,7 @@ def test_derivatives_of_stick_slip_three_ways():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("speed", "near"), [(0.0, 1e-4), (0.02, 2e-2)])
+@pytest.mark.parametrize(("speed", "near"), [(0.0, 1e-4), (0.02, 1e-3)])
 def test_friction_that_depends_on_the_load(speed, near):
     # The work of a friction of bearing and spring, from hub loads and motions over time.
     hub, spring, unwinding = 0.002, 0.02, 0.4
@@ -218,6 +218,7 @@ def test_friction_that_depends_on_the_load(speed, near):
     moved = np.diff(motion)
     winds = moved * np.sign(pull) > 0
     middle = (size[1:] + size[:-1]) / 2 * np.where(winds, 1.0, unwinding)
-    work = float(np.sum(middle * np.abs(moved)))
+    turned = 1.0 if speed == 0 else np.abs(np.tanh(moved * 8000 / float(found.period) / speed))
+    work = float(np.sum(middle * turned * np.abs(moved)))
     assert found.measures.friction_work[0] == pytest.approx(work, rel=near)
-    assert work > 1e-3
+    assert work > 2e-4
