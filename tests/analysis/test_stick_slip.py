@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from drives import example
+from drives import EXAMPLES, example
 
 import beltjax as bj
 from beltjax.compiling.quick import quickly_compiled
@@ -222,3 +222,50 @@ def test_friction_that_depends_on_the_load(speed, near):
     work = float(np.sum(middle * turned * np.abs(moved)))
     assert found.measures.friction_work[0] == pytest.approx(work, rel=near)
     assert work > 2e-4
+
+
+def test_a_table_of_friction_in_a_file(tmp_path):
+    text = (EXAMPLES / "three_pulley.toml").read_text()
+    table = '{ coulomb = "50 N cm", hub = "2 mm", spring = "5 %", unwinding = 0.5 }'
+    lines = f"inertia = 0.001165\nfriction_torque = {table}\nfriction_speed = 0\n"
+    path = tmp_path / "dry.toml"
+    path.write_text(text.replace("inertia = 0.001165", lines, 1))
+    drive, point = bj.load_drive(path)
+    bj.save_drive(tmp_path / "again.toml", drive, point)
+    for arm in (drive.tensioner, bj.load_drive(tmp_path / "again.toml")[0].tensioner):
+        found = arm.friction_torque, arm.friction_hub, arm.friction_spring, arm.friction_unwinding
+        np.testing.assert_allclose(found, [0.5, 0.002, 0.05, 0.5], rtol=1e-12)
+        assert float(arm.friction_speed) == 0
+
+
+@pytest.mark.slow
+def test_the_command_line_counts_sticking_and_overrun(run, tmp_path):
+    text = (EXAMPLES / "three_pulley.toml").read_text()
+    lines = "inertia = 0.001165\nfriction_torque = 1.5\nfriction_speed = 0\n"
+    text = text.replace("inertia = 0.001165", lines, 1).replace(
+        "accessory = 0.0", "accessory = 1.0"
+    )
+    text += """
+[[isolator]]
+pulley = "accessory"
+stiffness = 200.0
+rim_inertia = 1e-4
+law = "decoupler"
+"""
+    path = tmp_path / "joined.toml"
+    path.write_text(text)
+    words = "--speeds", "2000 rpm", "--crank", "0.3 deg", "--functions", "0", "--json", "-"
+    status, output, _ = run("periodic", path, *words)
+    (motion,) = json.loads(output)["periodic"]
+    assert status in (0, 2)
+    assert motion["success"]
+    assert 0 < motion["coordinates"][0]["stuck_fraction"] < 1
+    overrun = [one["overrun_per_period"] for one in motion["pulleys"]]
+    assert overrun[:2] == [None, None]
+    assert overrun[2] > 0
+    assert motion["isolators"][0]["open_fraction"] > 0
+    status, _, error = run(
+        "periodic", path, "--speeds", "2000 rpm:2100 rpm", *words[2:4], "--branch", "up"
+    )
+    assert status == 1
+    assert "--branch: follows motions without events" in error
