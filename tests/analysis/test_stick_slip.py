@@ -255,8 +255,11 @@ law = "decoupler"
     path = tmp_path / "joined.toml"
     path.write_text(text)
     words = "--speeds", "2000 rpm", "--crank", "0.3 deg", "--functions", "0", "--json", "-"
+    words = *words, "--belt-damping", "0.5 ms"
     status, output, _ = run("periodic", path, *words)
-    (motion,) = json.loads(output)["periodic"]
+    document = json.loads(output)
+    (motion,) = document["periodic"]
+    assert [one["code"] for one in document["warnings"]].count("damping_joins_clutch") == 0
     assert status in (0, 2)
     assert motion["success"]
     assert 0 < motion["coordinates"][0]["stuck_fraction"] < 1

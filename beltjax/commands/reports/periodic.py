@@ -37,6 +37,7 @@ from beltjax.commands.reports.units import TableUnits
 from beltjax.commands.reports.vibrating import RPM, vibrating
 from beltjax.commands.reports.warnings import (
     file_warnings,
+    joined_clutches,
     periodic_warnings,
     range_warnings,
     warning_lines,
@@ -45,6 +46,7 @@ from beltjax.commands.running import Advance
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
+from beltjax.files.units import to_si
 from beltjax.results import explanation, succeeded
 
 _POINTS = 50  # of a range of speeds that does not say
@@ -153,6 +155,7 @@ class PeriodicOptions(NamedTuple):
     duty: str | None = None
     branch: str | None = None  # "up" or "down"
     driver: str | None = None
+    belt_damping: str | None = None
 
 
 def periodic_report(
@@ -169,8 +172,7 @@ def periodic_report(
     drive, point, where = vibrating(path, given.duty)
     orders = _orders(path, drive, point, given)
     speeds = _speeds(path, drive, point, given.speeds)
-    ratio = MODAL_DAMPING if given.modal_damping is None else given.modal_damping
-    damping = read_option("--modal-damping", lambda: Damping(modal=ratio))
+    damping = _damping(given)
     # Before the first of many motions: whether there are enough harmonics.
     read_option("--harmonics", lambda: orders.forcing(drive.pulley_names, given.harmonics))
     if given.branch is not None:
@@ -185,7 +187,11 @@ def periodic_report(
     document = periodic_document(drive, given, orders, speeds, found)
     document |= {"at": where, "folds": folds, "flips": flips}
     document["success"] = document["success"] and whole
-    document["warnings"] += [*file_warnings(drive), *range_warnings(drive, point, speeds)]
+    document["warnings"] += [
+        *joined_clutches(drive, damping),
+        *file_warnings(drive),
+        *range_warnings(drive, point, speeds),
+    ]
     units = TableUnits(drive, si)
     files: tuple[tuple[str, bytes], ...] = ()
     if figure:
@@ -193,6 +199,17 @@ def periodic_report(
 
         files = ((figure, periodic_picture(figure, drive, units, speeds, found)),)
     return Report(document, periodic_tables(document, units), _failure(path, document), files)
+
+
+def _damping(given: PeriodicOptions) -> Damping:
+    """Of the modes, unless that of the belt is given."""
+    usual = MODAL_DAMPING if given.belt_damping is None else 0.0
+    ratio = usual if given.modal_damping is None else given.modal_damping
+    damping = read_option("--modal-damping", lambda: Damping(modal=ratio))
+    text = given.belt_damping
+    if text is None:
+        return damping
+    return read_option("--belt-damping", lambda: Damping(modal=ratio, belt=to_si(text, "s")))
 
 
 def _at_each(
