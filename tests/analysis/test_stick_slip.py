@@ -272,3 +272,23 @@ law = "decoupler"
     )
     assert status == 1
     assert "--branch: follows motions without events" in error
+
+
+@pytest.mark.slow
+def test_a_bad_lane_disturbs_none():
+    def at(torque, rpm):
+        found = bj.periodic_response(
+            held(torque), bj.OperatingPoint(driver_speed=rpm * 2 * np.pi / 60), crank(0.1),
+            functions=2, harmonics=4, damping=MODAL, method=bj.Shooting(80), throw=False,
+        )  # fmt: skip
+        return found.measures.travels[0], found.result
+
+    torques, speeds = jnp.array([0.5, jnp.nan, 0.3, 0.5]), jnp.array([2000.0, 2000.0, 2100.0, 1e6])
+    both = jax.vmap(jax.value_and_grad(at, has_aux=True))
+    (travels, results), slopes = quickly_compiled(both)(torques, speeds)
+    np.testing.assert_array_equal(results == bj.RESULTS.successful, [True, False, True, False])
+    assert np.all(np.isfinite(travels))
+    np.testing.assert_array_equal(slopes[jnp.array([1, 3])], 0.0)
+    assert np.all(slopes[jnp.array([0, 2])] < 0)
+    alone, _ = quickly_compiled(at)(torques[2], speeds[2])
+    assert travels[2] == pytest.approx(float(alone), rel=1e-9)
