@@ -2,6 +2,7 @@
 
 Newton's method for x(T) = x(0), with the variational equation along the steps. A step ends at an
 event, where a disturbance changes by the saltation matrix (R. I. Leine and H. Nijmeijer, 2004).
+A guard that falls through zero and rises again between two stages of a step is not seen.
 """
 
 from collections.abc import Callable

@@ -20,6 +20,7 @@ from beltjax.numerics.shooting import shot_orbit
 
 CASES = json.loads((Path(__file__).parents[1] / "data" / "periodic.json").read_text())
 STEPS = 160
+pytestmark = pytest.mark.slow  # they compile for half a minute
 
 
 def forcing(degrees):
@@ -114,7 +115,6 @@ def test_overrun_grows_with_the_excitation():
     assert gains[0] < 0.5 * gains[-1]
 
 
-@pytest.mark.slow
 def test_stops_by_two_methods():
     stops = {"stops": (-1.0, 0.08), "stop_stiffness": 300.0}
     drive, speed = clutched("spring", **stops), jnp.asarray(900 * RPM)
@@ -145,7 +145,6 @@ def test_stops_of_a_decoupler_limit_its_wind_up():
     assert 0.06 < winds[2] < 0.07 < winds[0]
 
 
-@pytest.mark.slow
 def test_derivatives_of_the_overrun():
     drive = clutched("decoupler")
 
@@ -203,7 +202,6 @@ def undamped_joint(drive, point, asked, steps):
     return _shot(made, shot_orbit(shot_system, excited, steps), 12)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("torque", "group", "degrees"),
     [(1.0, "light", "1.0"), (1.0, "light", "1.5"), (7.0, "heavy", "0.5"), (7.0, "heavy", "1.5")],
