@@ -70,7 +70,8 @@ class Flow(NamedTuple):
     state: State  # at the end
     mode: Mode
     matrix: Square  # of a small disturbance
-    least: Scalar  # rate at which a guard falls through zero, in periods, over its size
+    # Least sine of the phase that a guard has at its event, of a wave with its slope and curvature.
+    least: Scalar
     events: Int[Array, ""]
     solved: Bool[Array, ""]
 
@@ -154,24 +155,30 @@ class _Switch(NamedTuple):
     state: State
     mode: Mode
     saltation: Square
-    falling: Scalar
+    clear: Scalar  # as `Flow.least`
 
 
 def _switch(of: Periodic, x: State, part: Scalar, mode: Mode, which: Int[Array, ""]) -> _Switch:
     """Pass an event."""
     system, t = of.system, part * of.period
     after, new = system.switched(x, t, mode, which)
-    before = system.rate(x, t, mode)
+    before, one = system.rate(x, t, mode), jnp.ones(())
     leaving = system.rate(after, t, new)
-    normal = jax.jacfwd(lambda x: system.guards(x, t, mode)[which])(x)
-    one = jnp.ones(())
-    rate = jax.jvp(lambda x, t: system.guards(x, t, mode)[which], (x, t), (before, one))[1]
+
+    def guard(x: State, t: Scalar) -> Scalar:
+        return system.guards(x, t, mode)[which]
+
+    def falling(x: State, t: Scalar) -> Scalar:
+        return jax.jvp(guard, (x, t), (system.rate(x, t, mode), one))[1]
+
+    normal = jax.jacfwd(guard)(x, t)
+    rate, bend = jax.jvp(falling, (x, t), (before, one))
     falls = rate < 0
     jump = jnp.outer(leaving - before, normal / jnp.where(falls, rate, -1.0))
     matrix = jnp.eye(len(x)) + jnp.where(falls, jump, 0.0)
-    size = jnp.abs(normal) @ jnp.abs(before)
-    falling = jnp.where(size > 0, -rate / jnp.where(size > 0, size, 1.0), 0.0)
-    return _Switch(after, new, matrix, falling)
+    size = jnp.hypot(rate, bend * of.period / (2 * jnp.pi))
+    clear = jnp.where(falls, -rate / jnp.where(size > 0, size, 1.0), 0.0)
+    return _Switch(after, new, matrix, clear)
 
 
 def _begun(of: Periodic, x: State, mode: Mode, steps: int) -> Flow:
@@ -215,7 +222,7 @@ def _period_from(of: Periodic, x: State, mode: Mode, steps: int) -> Flow:
             state=passed.state,
             mode=passed.mode,
             matrix=passed.saltation @ (matrix @ flow.matrix),
-            least=jnp.minimum(flow.least, passed.falling),
+            least=jnp.minimum(flow.least, passed.clear),
             events=flow.events + event,
             solved=flow.solved & trial.solved,
         )
@@ -357,8 +364,9 @@ class ShotOrbit(NamedTuple):
     crowded: Bool[Array, ""]  # more events in a period than are followed
     gap: Scalar  # by which the last period did not close, over the size of the motion
     periods: Int[Array, ""]  # that were followed
-    # Least rate at which a guard falls through zero at an event, over that of its parts; 1 without
-    # events. At 0 an event only touches, and derivatives do not exist.
+    # How clearly events are met: the least rate h' at which a guard falls through zero, as
+    # h'/hypot(h', h''/w) with w of the period; 1 without events. At 0 one only touches, and
+    # derivatives do not exist.
     least: Scalar
     events: Int[Array, ""]  # in the period
     error: Scalar  # estimated, of the steps, over the size of the motion

@@ -118,8 +118,8 @@ class MotionPart(Part):
         "what its steps miss"
     )
     conditioning: Maybe = meaning(
-        "distance from a fold: 0 at one; of a motion with events the least rate at which one is "
-        "met, over that of its parts: 0 where it only touches"
+        "distance from a fold: 0 at one; of a motion with events how clearly they are met: 0 "
+        "where one only touches"
     )
     feasible: bool = meaning("whether every span is tight and no pulley slips")
     success: bool = meaning("whether a motion was found")
