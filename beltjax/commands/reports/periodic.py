@@ -12,7 +12,7 @@ from rich.table import Table
 
 from beltjax.analysis.damping import Damping
 from beltjax.analysis.orders import ORDER, Orders, orders_of
-from beltjax.analysis.periodic import PeriodicResponse, periodic_response
+from beltjax.analysis.periodic import PeriodicResponse, law_with_modes, periodic_response
 from beltjax.analysis.periodic_branch import PeriodicBranch, periodic_branch
 from beltjax.analysis.response import Excitation
 from beltjax.commands.reports.arguments import (
@@ -37,6 +37,7 @@ from beltjax.commands.reports.units import TableUnits
 from beltjax.commands.reports.vibrating import RPM, vibrating
 from beltjax.commands.reports.warnings import (
     file_warnings,
+    joined_clutches,
     periodic_warnings,
     range_warnings,
     warning_lines,
@@ -45,6 +46,7 @@ from beltjax.commands.running import Advance
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
+from beltjax.files.units import to_si
 from beltjax.results import explanation, succeeded
 
 _POINTS = 50  # of a range of speeds that does not say
@@ -60,6 +62,10 @@ class MovedPulleyPart(Part):
     friction_use_max: Maybe = meaning(
         "logarithm of the tensions' ratio over friction times wrap, 1 where the belt slips; null "
         "without friction"
+    )
+    overrun_per_period: Maybe = meaning(
+        "rad, by which a hub behind a decoupler or rigid clutch gains on its rim; null without a "
+        "joint"
     )
 
 
@@ -82,6 +88,7 @@ class MovedCoordinatePart(Part):
     peak_to_peak: Maybe
     mean: Maybe = meaning("from the steady state")
     friction_work: Maybe = meaning("J over a period, of dry friction")
+    stuck_fraction: Maybe = meaning("part of the period in which dry friction holds it")
 
 
 class MovedIsolatorPart(Part):
@@ -106,8 +113,14 @@ class MotionPart(Part):
     coordinates: list[MovedCoordinatePart] = meaning("of each tensioner")
     isolators: list[MovedIsolatorPart]
     residual: Maybe = meaning("last correction over the size of the motion")
-    harmonics_error: Maybe = meaning("size of the last two harmonics over that of all")
-    conditioning: Maybe = meaning("distance from a fold: 0 at one")
+    harmonics_error: Maybe = meaning(
+        "size of the last two harmonics over that of all; of a motion with events an estimate of "
+        "what its steps miss"
+    )
+    conditioning: Maybe = meaning(
+        "distance from a fold: 0 at one; of a motion with events how clearly they are met: 0 "
+        "where one only touches"
+    )
     feasible: bool = meaning("whether every span is tight and no pulley slips")
     success: bool = meaning("whether a motion was found")
     failure: str | None = meaning("why there is none")
@@ -142,6 +155,7 @@ class PeriodicOptions(NamedTuple):
     duty: str | None = None
     branch: str | None = None  # "up" or "down"
     driver: str | None = None
+    belt_damping: str | None = None
 
 
 def periodic_report(
@@ -158,8 +172,7 @@ def periodic_report(
     drive, point, where = vibrating(path, given.duty)
     orders = _orders(path, drive, point, given)
     speeds = _speeds(path, drive, point, given.speeds)
-    ratio = MODAL_DAMPING if given.modal_damping is None else given.modal_damping
-    damping = read_option("--modal-damping", lambda: Damping(modal=ratio))
+    damping = _damping(given)
     # Before the first of many motions: whether there are enough harmonics.
     read_option("--harmonics", lambda: orders.forcing(drive.pulley_names, given.harmonics))
     if given.branch is not None:
@@ -174,7 +187,11 @@ def periodic_report(
     document = periodic_document(drive, given, orders, speeds, found)
     document |= {"at": where, "folds": folds, "flips": flips}
     document["success"] = document["success"] and whole
-    document["warnings"] += [*file_warnings(drive), *range_warnings(drive, point, speeds)]
+    document["warnings"] += [
+        *joined_clutches(drive, damping),
+        *file_warnings(drive),
+        *range_warnings(drive, point, speeds),
+    ]
     units = TableUnits(drive, si)
     files: tuple[tuple[str, bytes], ...] = ()
     if figure:
@@ -182,6 +199,17 @@ def periodic_report(
 
         files = ((figure, periodic_picture(figure, drive, units, speeds, found)),)
     return Report(document, periodic_tables(document, units), _failure(path, document), files)
+
+
+def _damping(given: PeriodicOptions) -> Damping:
+    """Of the modes, unless that of the belt is given."""
+    usual = MODAL_DAMPING if given.belt_damping is None else 0.0
+    ratio = usual if given.modal_damping is None else given.modal_damping
+    damping = read_option("--modal-damping", lambda: Damping(modal=ratio))
+    text = given.belt_damping
+    if text is None:
+        return damping
+    return read_option("--belt-damping", lambda: Damping(modal=ratio, belt=to_si(text, "s")))
 
 
 def _at_each(
@@ -220,6 +248,10 @@ def _followed(
     """The branch over the range of the speeds; raises `FileError` where it does not begin."""
     advance("following the branch", 0, None)
     ends = (speeds[0], speeds[-1]) if given.branch == "up" else (speeds[-1], speeds[0])
+    law = law_with_modes(drive)
+    if law is not None:
+        message = f"follows motions without events, and {law} has them; leave --branch out"
+        raise FileError("--branch", "", message)
     branch = periodic_branch(
         drive, point, orders, *map(float, ends), harmonics=given.harmonics,
         functions=given.functions, damping=damping, throw=False,
@@ -363,11 +395,17 @@ def _motion(drive: Drive, speed: float, found: PeriodicResponse) -> dict[str, An
         peak_to_peak=m.travels,
         mean=m.mean_motions,
         friction_work=m.friction_work,
+        stuck_fraction=m.stuck_fractions,
     )
     for one, body in zip(coordinates, drive.tensioners, strict=True):
         one["kind"] = kind_of(body)
     # Without a clutch none is asked for.
-    opened = m.open_fractions if len(m.open_fractions) else np.zeros(len(drive.isolators))
+    none = np.zeros(len(drive.isolators))
+    opened = m.open_fractions if len(m.open_fractions) else none
+    overrun = np.full(len(drive.pulleys), np.nan)
+    gained = m.overrun_per_period if len(m.overrun_per_period) else none
+    for part, angle in zip(drive.isolators, np.asarray(gained), strict=True):
+        overrun[np.asarray(part.pulleys) > 0] = angle
     tight = good and bool(np.min(m.tension_min) >= 0)
     return {
         "driver_speed": speed,
@@ -381,6 +419,7 @@ def _motion(drive: Drive, speed: float, found: PeriodicResponse) -> dict[str, An
             hub_rotation_amplitude=m.hub_rotation_amplitudes,
             hub_load_max=m.hub_load_max,
             friction_use_max=np.where(friction, found.friction_use, np.nan),
+            overrun_per_period=overrun,
         ),
         "spans": listed(
             drive.span_names,
