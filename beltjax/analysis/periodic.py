@@ -401,8 +401,8 @@ def prepared(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> Prepare
     return Prepared(drive, lin, whole, shapes, excited, frequency, asked.samples, result)
 
 
-@boundary_jit
-def _periodic(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> PeriodicResponse:
+def motion_asked(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> PeriodicResponse:
+    """The motion of a canonical drive and point."""
     made = prepared(drive, point, asked)
     harmonics = len(asked.forcing.crank) - 1
     if isinstance(asked.method, Shooting):
@@ -412,6 +412,9 @@ def _periodic(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> Period
         oscillator, made.excited, harmonics, made.samples, past_folds=asked.loose
     )
     return described(made, orbit, asked.stability)
+
+
+_periodic = boundary_jit(motion_asked)
 
 
 class _Found(NamedTuple):

@@ -67,6 +67,12 @@ def _document() -> type["Document"]:
     show_default=True,
     help="Describe the deflection of each span by so many functions.",
 )
+@click.option(
+    "--sensitivities/--no-sensitivities",
+    default=True,
+    show_default=True,
+    help="Differentiate the motion at a single speed, for the JSON.",
+)
 @duty_option
 @json_option
 @figure_option
@@ -84,6 +90,7 @@ def periodic(
     belt_damping: str | None,
     harmonics: int,
     functions: int,
+    sensitivities: bool,
     duty: str | None,
     json_path: str | None,
     figure: str | None,
@@ -107,6 +114,7 @@ def periodic(
             branch,
             driver,
             belt_damping,
+            sensitivities and json_path is not None,
         )
         return periodic_report(drive_file, given, figure, advance, si)
 

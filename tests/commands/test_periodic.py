@@ -3,6 +3,7 @@
 import json
 import re
 
+import equinox as eqx
 import numpy as np
 import pytest
 from drives import EXAMPLES
@@ -50,6 +51,24 @@ def test_document_is_that_of_periodic_response(run, tmp_path):
     assert part["pulleys"][0]["friction_use_max"] is None
     assert part["success"]
     assert part["feasible"]
+    # Slopes against the motion solved again by numbers next to the file's.
+    slopes = document["sensitivities"]
+    stiffness, h = float(drive.tensioner.stiffness), 1e-4
+
+    def at(part):
+        moved = eqx.tree_at(lambda d: d.tensioner.stiffness, drive, stiffness * (1 + part * h))
+        point = bj.OperatingPoint(driver_speed=2000 * np.pi / 30)
+        orders = bj.Orders({2: bj.Excitation(np.radians(0.1))})
+        found = bj.periodic_response(
+            moved, point, orders, damping=bj.Damping(modal=0.03), functions=2, harmonics=4
+        ).measures
+        return np.array([found.travels[0], found.tension_min[1]])
+
+    difference = (8 * (at(1) - at(-1)) - (at(2) - at(-2))) / (12 * h * stiffness)
+    names = "travel:tensioner", "tension_min:tensioner-accessory"
+    found = [slopes[name]["tensioner.stiffness"] for name in names]
+    np.testing.assert_allclose(found, difference, rtol=1e-6)
+    assert set(slopes["travel:tensioner"]) >= {"belt.bending_stiffness", "pulley.accessory.radius"}
     assert (tmp_path / "p.png").read_bytes().startswith(PNG)
 
 

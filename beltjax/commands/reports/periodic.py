@@ -12,9 +12,16 @@ from rich.table import Table
 
 from beltjax.analysis.damping import Damping
 from beltjax.analysis.orders import ORDER, Orders, orders_of
-from beltjax.analysis.periodic import PeriodicResponse, law_with_modes, periodic_response
+from beltjax.analysis.periodic import (
+    PeriodicResponse,
+    Resolution,
+    law_with_modes,
+    periodic_response,
+)
 from beltjax.analysis.periodic_branch import PeriodicBranch, periodic_branch
+from beltjax.analysis.periodic_sensitivity import periodic_sensitivities
 from beltjax.analysis.response import Excitation
+from beltjax.commands.reports.analyze import plain_numbers
 from beltjax.commands.reports.arguments import (
     read_excited_orders,
     read_option,
@@ -23,6 +30,7 @@ from beltjax.commands.reports.arguments import (
 )
 from beltjax.commands.reports.documents import (
     Maybe,
+    Number,
     Part,
     PointDocument,
     meaning,
@@ -139,6 +147,10 @@ class PeriodicDocument(PointDocument):
     periodic: list[MotionPart] = meaning("by speed, or along the branch")
     folds: list[float] = meaning("rad/s, driver's speeds at which the branch turns back")
     flips: list[float] = meaning("rad/s, at which the period doubles; both empty without --branch")
+    sensitivities: dict[str, dict[str, Number]] | None = meaning(
+        "derivatives of each measure of the motion, such as `tension_min:SPAN`, by every number of "
+        "the file, by its key, SI; null for several speeds, and by --no-sensitivities"
+    )
 
 
 class PeriodicOptions(NamedTuple):
@@ -156,6 +168,7 @@ class PeriodicOptions(NamedTuple):
     branch: str | None = None  # "up" or "down"
     driver: str | None = None
     belt_damping: str | None = None
+    slopes: bool = False  # of the motion at a single speed, for the document
 
 
 def periodic_report(
@@ -185,7 +198,11 @@ def periodic_report(
         found = _at_each(drive, point, orders, speeds, given, damping, advance)
         folds, flips, whole = [], [], True
     document = periodic_document(drive, given, orders, speeds, found)
-    document |= {"at": where, "folds": folds, "flips": flips}
+    document |= {"at": where, "folds": folds, "flips": flips, "sensitivities": None}
+    if given.slopes and len(found) == 1 and bool(succeeded(found[0].result)):
+        advance("differentiating", 0, None)
+        at = dataclasses.replace(point, belt_speed=None, driver_speed=speeds[0])
+        document["sensitivities"] = _sensitivities(drive, at, orders, given, damping)
     document["success"] = document["success"] and whole
     document["warnings"] += [
         *joined_clutches(drive, damping),
@@ -199,6 +216,17 @@ def periodic_report(
 
         files = ((figure, periodic_picture(figure, drive, units, speeds, found)),)
     return Report(document, periodic_tables(document, units), _failure(path, document), files)
+
+
+def _sensitivities(
+    drive: Drive, point: OperatingPoint, orders: Orders, given: PeriodicOptions, damping: Damping
+) -> dict[str, Any]:
+    how = Resolution(given.harmonics, None, given.functions, None)
+    found = periodic_sensitivities(drive, point, orders, how, damping)
+    return {
+        name: plain_numbers(*gradient, of=(drive, gradient[1]))
+        for name, gradient in zip(found.names, found.gradients, strict=True)
+    }
 
 
 def _damping(given: PeriodicOptions) -> Damping:
