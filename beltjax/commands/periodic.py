@@ -115,6 +115,7 @@ def periodic(
             driver,
             belt_damping,
             sensitivities and json_path is not None,
+            json_path is not None,
         )
         return periodic_report(drive_file, given, figure, advance, si)
 

@@ -51,6 +51,8 @@ def test_document_is_that_of_periodic_response(run, tmp_path):
     assert part["pulleys"][0]["friction_use_max"] is None
     assert part["success"]
     assert part["feasible"]
+    # In proportion to the excitation: 0.706 N m by 0.1 degrees, of the converged drive.
+    assert part["coordinates"][0]["lock_torque"] == pytest.approx(0.706, rel=0.02)
     # Slopes against the motion solved again by numbers next to the file's.
     slopes = document["sensitivities"]
     stiffness, h = float(drive.tensioner.stiffness), 1e-4

@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from beltjax.analysis.damping import Damping
+from beltjax.analysis.friction import lock_torque
 from beltjax.analysis.orders import ORDER, Orders, orders_of
 from beltjax.analysis.periodic import (
     PeriodicResponse,
@@ -97,6 +98,10 @@ class MovedCoordinatePart(Part):
     mean: Maybe = meaning("from the steady state")
     friction_work: Maybe = meaning("J over a period, of dry friction")
     stuck_fraction: Maybe = meaning("part of the period in which dry friction holds it")
+    lock_torque: Maybe = meaning(
+        "N m, or N: dry friction above which it does not move, from the linear drive; null for "
+        "several orders"
+    )
 
 
 class MovedIsolatorPart(Part):
@@ -169,6 +174,7 @@ class PeriodicOptions(NamedTuple):
     driver: str | None = None
     belt_damping: str | None = None
     slopes: bool = False  # of the motion at a single speed, for the document
+    document: bool = False  # which has what no table shows
 
 
 def periodic_report(
@@ -199,6 +205,8 @@ def periodic_report(
         folds, flips, whole = [], [], True
     document = periodic_document(drive, given, orders, speeds, found)
     document |= {"at": where, "folds": folds, "flips": flips, "sensitivities": None}
+    if given.document:
+        _add_lock_torques(document, drive, orders, damping, found)
     if given.slopes and len(found) == 1 and bool(succeeded(found[0].result)):
         advance("differentiating", 0, None)
         at = dataclasses.replace(point, belt_speed=None, driver_speed=speeds[0])
@@ -216,6 +224,26 @@ def periodic_report(
 
         files = ((figure, periodic_picture(figure, drive, units, speeds, found)),)
     return Report(document, periodic_tables(document, units), _failure(path, document), files)
+
+
+def _add_lock_torques(
+    document: dict[str, Any],
+    drive: Drive,
+    orders: Orders,
+    damping: Damping,
+    found: Sequence[PeriodicResponse],
+) -> None:
+    """What would hold each tensioner still, at every speed; of a single order."""
+    if len(orders.excitations) > 1 or not drive.tensioners:
+        return
+    [(order, excitation)] = orders.excitations.items()
+    for part, one in zip(document["periodic"], found, strict=True):
+        if part["success"]:
+            frequency, names = order * part["driver_speed"], drive.pulley_names
+            lin = one.linearization
+            locking = lock_torque(lin, frequency, excitation, names, damping=damping)
+            for row, value in zip(part["coordinates"], plain(locking[0]), strict=True):
+                row["lock_torque"] = value
 
 
 def _sensitivities(
@@ -424,6 +452,7 @@ def _motion(drive: Drive, speed: float, found: PeriodicResponse) -> dict[str, An
         mean=m.mean_motions,
         friction_work=m.friction_work,
         stuck_fraction=m.stuck_fractions,
+        lock_torque=np.full(len(drive.tensioners), np.nan),
     )
     for one, body in zip(coordinates, drive.tensioners, strict=True):
         one["kind"] = kind_of(body)
