@@ -1,5 +1,6 @@
 """Motion of finite amplitude of a linearized drive, as an oscillator with a periodic force."""
 
+import dataclasses
 from typing import NamedTuple
 
 import jax
@@ -13,17 +14,20 @@ from beltjax.analysis.orders import Forcing
 from beltjax.analysis.response import moments_on_rotors
 from beltjax.analysis.steady import SteadyState
 from beltjax.drive.layout import belt_path, outline
-from beltjax.drive.shafts import rotors
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.shafts import rotors, transmission
 from beltjax.drive.system import Drive
 from beltjax.numerics.harmonic_balance import Oscillator, derived, series
 from beltjax.physics.joints import Joints
 from beltjax.physics.motion import (
+    BeltSpeed,
     MotionModel,
     SpanPaths,
     dry_friction,
     quadratic_strains,
     stretching,
 )
+from beltjax.physics.vibration import acceleration, convection
 
 LAYERED = 8  # functions of a span from which four of them are its ends' layers
 _LAYERS = 4
@@ -43,6 +47,7 @@ def motion_model(
     damping: Damping,
     paths: SpanPaths | None = None,
     joints: Joints | None = None,
+    speed: BeltSpeed | None = None,
 ) -> MotionModel:
     """The drive of `linearization` in motion, whose driver's rotation is given."""
     lin = linearization
@@ -59,8 +64,39 @@ def motion_model(
         friction=lin.steady.groups.frictions * lin.model.movable,
         friction_speed=lin.steady.groups.friction_speeds,
         joints=joints,
+        speed=speed,
         functions=lin.basis.size,
     )
+
+
+def belt_speeds(drive: Drive, point: OperatingPoint, lin: Linearization) -> BeltSpeed:
+    """Belts that follow the driver's speed, dimensionless.
+
+    They are uniform along themselves, and a belt that a shaft or an isolator drives follows the
+    driver's rotation, not that of what turns it.
+    """
+    m, length, time = lin.model, lin.scales.length, lin.scales.time
+    rates = belt_travels(drive, point) / length  # of the belts' speed by the driver's
+    gained = acceleration(m, lin.basis, lin.elongations, lin.rotors, rates)
+    carried = convection(m, lin.basis, lin.rotors, rates)
+    return BeltSpeed(
+        gyroscopic=carried - carried.T,
+        centrifugal=m.lam * m.mu * rates**2,
+        accelerated=gained.matrix,
+        bent=gained.steady,
+        omega0=driver_speed(drive, point) * time,
+    )
+
+
+def belt_travels(drive: Drive, point: OperatingPoint) -> Float[Array, " pulleys"]:
+    """By how much the belt of each pulley moves per radian of the driver [m]."""
+    unit = dataclasses.replace(point, belt_speed=None, driver_speed=jnp.ones(()), load={})
+    return transmission(drive, unit).speeds
+
+
+def driver_speed(drive: Drive, point: OperatingPoint) -> Float[Array, ""]:
+    """Speed of the driver [rad/s]."""
+    return point.speed(drive) / (drive.drives @ drive.radii)
 
 
 def span_paths(drive: Drive, steady: SteadyState) -> SpanPaths:
@@ -184,17 +220,23 @@ def _real_series(amplitudes: Complex[Array, "harmonics *rest"]) -> Float[Array, 
 
 def oscillator(excited: Excited, part: Float[Array, ""]) -> Oscillator:
     """The equations of motion under that part of the excitation."""
-    m, harmonics = excited.model, len(excited.driver) // 2
+    m, w, harmonics = excited.model, excited.frequency, len(excited.driver) // 2
+    by_time = w * derived(excited.driver[:, None])
+    by_time, twice_by_time = by_time[:, 0], w * derived(by_time)[:, 0]
 
     def force(
         z: Float[Array, " size"], rate: Float[Array, " size"], phase: Float[Array, ""]
     ) -> Float[Array, " size"]:
         of = part * series(phase, harmonics)
-        theta = of @ excited.driver
-        found = stretching(m, z, theta) + dry_friction(m, rate) - of @ excited.load
-        if m.joints is None:
-            return found
-        turning = excited.frequency * (of @ derived(excited.driver[:, None])[:, 0])
-        return found + m.joints.force(z, rate, theta, turning)
+        theta, turning = of @ excited.driver, of @ by_time
+        found = dry_friction(m, rate) - of @ excited.load
+        relief = 0.0
+        if m.joints is not None:
+            found = found + m.joints.force(z, rate, theta, turning)
+        if m.speed is not None:
+            omega = m.speed.omega0 + turning
+            relief = m.speed.relief(omega)
+            found = found + m.speed.force(z, rate, omega, of @ twice_by_time)
+        return found + stretching(m, z, theta, relief)
 
     return Oscillator(m.mass, m.damping, m.stiffness, excited.frequency, force)

@@ -1,7 +1,7 @@
 """Periodic vibration of finite amplitude: harmonic balance, stability, and its derivatives."""
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import equinox as eqx
 import jax
@@ -13,6 +13,8 @@ from beltjax.analysis.damping import Damping
 from beltjax.analysis.linearization import Linearization, linearize
 from beltjax.analysis.motion import (
     Excited,
+    belt_speeds,
+    driver_speed,
     joints_of,
     layered_shapes,
     load_series,
@@ -44,6 +46,7 @@ from beltjax.results import (
 _FINE = 32  # Legendre functions from which the layered ones are combined
 STEEPEST = 0.2  # slope above which small slopes are no good approximation
 _PER_HARMONIC = 8  # samples
+BELT_SPEEDS = "constant", "varying"
 
 
 class PeriodicResponse(eqx.Module):
@@ -121,6 +124,7 @@ def periodic_response(
     functions: int = 16,
     basis: AbstractBasis | None = None,
     damping: Damping | None = None,
+    belt_speed: Literal["constant", "varying"] = "constant",
     throw: bool = True,
 ) -> PeriodicResponse:
     """Periodic motion of finite amplitude under crank motion and torques at orders of the speed.
@@ -148,14 +152,16 @@ def periodic_response(
             spans straight.
         basis: functions for the deflections in place of these, such as `Legendre(24)`.
         damping: `Damping()` unless given, which counts the drive's own dampers.
+        belt_speed: "constant", or "varying": the belts follow the rotation of the driver (O8),
+            which changes the motion by some 0.1 %.
         throw: raise where the result is a failure.
 
     Returns:
         The motion with its stability and its extremes.
 
     Raises:
-        ValueError: an inertia or an excitation is missing, harmonics or samples are too few, or the
-            excitation names a pulley that is not there.
+        ValueError: an inertia or an excitation is missing, harmonics or samples are too few,
+            `belt_speed` is another word, or the excitation names a pulley that is not there.
         AnalysisError: the result is a failure, and `throw` is set.
 
     Examples:
@@ -166,7 +172,7 @@ def periodic_response(
         >>> found.measures.tension_min, found.stable
     """
     asked = asked_of(
-        drive, point, orders, Resolution(harmonics, samples, functions, basis), damping
+        drive, point, orders, Resolution(harmonics, samples, functions, basis), damping, belt_speed
     )
     found = _periodic(*canonical(drive, point), asked)
     return raise_unless_successful(found, found.result, throw)
@@ -192,6 +198,7 @@ class MotionAsked(eqx.Module):
     functions: int = eqx.field(static=True)
     curved: bool = eqx.field(static=True)  # bodies may move on exact paths
     loose: bool = eqx.field(static=True)  # joints may be clutches
+    varying: bool = eqx.field(static=True)  # the belts' speed follows the driver's rotation
 
 
 def asked_of(
@@ -200,6 +207,7 @@ def asked_of(
     orders: Orders | None,
     how: Resolution,
     damping: Damping | None,
+    belt_speed: str = "constant",
 ) -> MotionAsked:
     """The question of `periodic_response` for compiled code; raises `ValueError` as that does."""
     frictions = [body.friction_torque for body in drive.tensioners]
@@ -207,6 +215,8 @@ def asked_of(
     per_harmonic = _PER_HARMONIC * (2 if loose or _any_of(frictions) else 1)
     samples = per_harmonic * how.harmonics if how.samples is None else how.samples
     _require_resolution(how.harmonics, samples, how.functions)
+    if belt_speed not in BELT_SPEEDS:
+        raise ValueError(f"belt_speed: found {belt_speed!r}; give {' or '.join(BELT_SPEEDS)}.")
     forcing, base = _forcing(drive, point, orders, how.harmonics)
     forcing, damping = strongly_typed((forcing, Damping() if damping is None else damping))
     return MotionAsked(
@@ -218,6 +228,7 @@ def asked_of(
         functions=how.functions,
         curved=bool(drive.tensioners) and _any_of([drive.model.arm_curvature]),
         loose=loose,
+        varying=belt_speed == "varying",
     )
 
 
@@ -269,10 +280,11 @@ def prepared(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> Prepare
     steady = steady_state(drive, point, throw=False)
     basis = Legendre(_FINE) if asked.basis is None else asked.basis
     lin = linearize(steady, basis, throw=False)
-    frequency = asked.base * point.speed(drive) / (drive.drives @ drive.radii)
+    frequency = asked.base * driver_speed(drive, point)
     paths = span_paths(drive, steady) if asked.curved else None
     joints = joints_of(drive, lin, asked.damping) if asked.loose else None
-    whole = motion_model(lin, asked.damping, paths, joints)
+    speed = belt_speeds(drive, point, lin) if asked.varying else None
+    whole = motion_model(lin, asked.damping, paths, joints, speed)
     w = frequency * lin.scales.time
     driver, load = load_series(lin, asked.forcing, w, asked.damping)
     if asked.basis is None:

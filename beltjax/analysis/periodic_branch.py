@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -86,6 +86,7 @@ def periodic_branch(
     functions: int = 12,
     basis: AbstractBasis | None = None,
     damping: Damping | None = None,
+    belt_speed: Literal["constant", "varying"] = "constant",
     most: int = 400,
     throw: bool = True,
 ) -> PeriodicBranch:
@@ -109,6 +110,7 @@ def periodic_branch(
         functions: for the deflection of each span.
         basis: functions for the deflections in place of these.
         damping: `Damping()` unless given, which counts the drive's own dampers.
+        belt_speed: as in `periodic_response`.
         most: number of points after which it is given up.
         throw: raise where the first motion is not found.
 
@@ -132,7 +134,9 @@ def periodic_branch(
     if not (np.isfinite(start) and np.isfinite(end) and start != end):
         raise ValueError(f"start, end: found {start:g}, {end:g}; give two different numbers.")
     resolution = Resolution(harmonics, samples, functions, basis)
-    ask = _Question(drive, point, over, asked_of(drive, point, orders, resolution, damping))
+    ask = _Question(
+        drive, point, over, asked_of(drive, point, orders, resolution, damping, belt_speed)
+    )
     first = jnp.asarray(float(start))
     found, result = ask(_first, first)
     raise_unless_successful(found, result, throw)

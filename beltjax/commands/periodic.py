@@ -1,6 +1,6 @@
 """Declares `beltjax periodic`; its work is in `reports/periodic.py`."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import click
 
@@ -50,6 +50,13 @@ def _document() -> type["Document"]:
 )
 @modal_damping_option
 @click.option(
+    "--belt-speed",
+    type=click.Choice(["constant", "varying"]),
+    default="constant",
+    show_default=True,
+    help="Let the belts follow the rotation of the driver, or run at its mean speed.",
+)
+@click.option(
     "--harmonics",
     type=click.IntRange(1),
     default=12,
@@ -76,6 +83,7 @@ def periodic(
     speeds: str | None,
     branch: str | None,
     modal_damping: float | None,
+    belt_speed: Literal["constant", "varying"],
     harmonics: int,
     functions: int,
     duty: str | None,
@@ -89,7 +97,17 @@ def periodic(
         from beltjax.commands.reports.periodic import PeriodicOptions, periodic_report
 
         given = PeriodicOptions(
-            crank, torque, order, orders, speeds, modal_damping, harmonics, functions, duty, branch
+            crank,
+            torque,
+            order,
+            orders,
+            speeds,
+            modal_damping,
+            harmonics,
+            functions,
+            duty,
+            branch,
+            belt_speed,
         )
         return periodic_report(drive_file, given, figure, advance, si)
 

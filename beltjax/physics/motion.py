@@ -4,10 +4,12 @@
     theta  rotation of the driver, which is given
     eta    strain that a span gains: d.z + driving theta + N(z)
     N      its part beyond first order in z
+    omega  speed of the driver, its rotation included; *0 marks that of the steady state
 
 Spans stretch quasi-statically, so that all that is nonlinear in a drive is one number a span: the
 functions have unit slopes, and N is half the sum of their squares and a quadratic form of the
-bodies' coordinates. M, G and K are those of `vibration`; docs/theory/motion.md, (O1) to (O5).
+bodies' coordinates. M, G and K are those of `vibration`; docs/theory/motion.md, (O1) to (O5), and
+(O8) for belts whose speed varies.
 """
 
 import equinox as eqx
@@ -65,6 +67,25 @@ class SpanPaths(eqx.Module):
         return length - self.lengths - rise * turn
 
 
+class BeltSpeed(eqx.Module):
+    """What the drive's belts do beside (O2) where the speed of the driver varies (O8)."""
+
+    gyroscopic: Float[Array, "size size"]  # G per unit of the driver's speed
+    centrifugal: Spans  # lam mu s^2 at unit speed of the driver
+    accelerated: Float[Array, "size size"]  # force per unit acceleration of the driver, by z ..
+    bent: State  # .. and in the steady state
+    omega0: Scalar
+
+    def relief(self, omega: Scalar) -> Spans:
+        """Tension that the turning of the belts takes beyond that of the steady state."""
+        return self.centrifugal * (omega**2 - self.omega0**2)
+
+    def force(self, z: State, rate: State, omega: Scalar, gained: Scalar) -> State:
+        """The force beside that of `relief`, for a driver that gains speed at the rate `gained`."""
+        carried = (omega - self.omega0) * (self.gyroscopic @ rate)
+        return carried + gained * (self.accelerated @ z + self.bent)
+
+
 class MotionModel(eqx.Module):
     """The numbers of a drive in one steady state: M z'' + C z' + force = 0 without excitation."""
 
@@ -80,6 +101,7 @@ class MotionModel(eqx.Module):
     friction: Float[Array, " coordinates"]  # dry, of the bodies
     friction_speed: Float[Array, " coordinates"]
     joints: Joints | None  # those of pulleys that are not springs alone
+    speed: BeltSpeed | None  # None: that of the steady state all the time
     functions: int = eqx.field(static=True)  # of each span
 
     def parts(self, z: State) -> tuple[Float[Array, "spans n"], Float[Array, " coordinates"]]:
@@ -115,6 +137,10 @@ def projected(model: MotionModel, shapes: Float[Array, "spans n fewer"]) -> Moti
     joints = m.joints
     if joints is not None:
         joints = eqx.tree_at(lambda j: j.rows, joints, rows(joints.rows.T).T)
+    speed = m.speed
+    if speed is not None:
+        less = square(speed.gyroscopic), square(speed.accelerated), rows(speed.bent[:, None])[:, 0]
+        speed = eqx.tree_at(lambda s: (s.gyroscopic, s.accelerated, s.bent), speed, less)
     return MotionModel(
         mass=square(m.mass),
         damping=square(m.damping),
@@ -128,6 +154,7 @@ def projected(model: MotionModel, shapes: Float[Array, "spans n fewer"]) -> Moti
         friction=m.friction,
         friction_speed=m.friction_speed,
         joints=joints,
+        speed=speed,
         functions=fewer,
     )
 
@@ -151,17 +178,25 @@ def strains(model: MotionModel, z: State, theta: Scalar | float = 0.0) -> Spans:
     return model.elongations @ z + model.driving * theta + beyond_linear(model, z)
 
 
-def stretching(model: MotionModel, z: State, theta: Scalar | float = 0.0) -> State:
-    """The force of the spans' stretch without its part K z, which is linear in z (O2)."""
+def stretching(
+    model: MotionModel,
+    z: State,
+    theta: Scalar | float = 0.0,
+    relief: Spans | float = 0.0,
+) -> State:
+    """The force of the spans' stretch without its part K z, which is linear in z (O2).
+
+    Of the tension that pulls on slopes and bodies `relief` is taken off (O8).
+    """
     m = model
     N, back = jax.vjp(lambda z: beyond_linear(m, z), z)
-    beyond = m.driving * theta + N
-    (force,) = back(m.work * (m.elongations @ z + beyond))
+    beyond = m.work * (m.driving * theta + N) - relief
+    (force,) = back(m.work * (m.elongations @ z) + beyond)
     if m.paths is not None:
         # K holds what the steady tension does to the second order of N.
         (held,) = jax.vjp(lambda z: beyond_second(m, z), z)[1](m.pull)
         force = force + held
-    return (m.work * beyond) @ m.elongations + force
+    return beyond @ m.elongations + force
 
 
 def dry_friction(model: MotionModel, rate: State) -> State:

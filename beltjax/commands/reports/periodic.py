@@ -3,7 +3,7 @@
 import dataclasses
 import os
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from rich.console import Group
@@ -138,6 +138,7 @@ class PeriodicOptions(NamedTuple):
     functions: int
     duty: str | None = None
     branch: str | None = None  # "up" or "down"
+    belt_speed: Literal["constant", "varying"] = "constant"
 
 
 def periodic_report(
@@ -197,7 +198,7 @@ def _at_each(
         found.append(
             periodic_response(
                 drive, at, orders, harmonics=given.harmonics, functions=given.functions,
-                damping=damping, throw=False,
+                damping=damping, belt_speed=given.belt_speed, throw=False,
             )
         )  # fmt: skip
     advance("moving", len(speeds), len(speeds))
@@ -218,7 +219,7 @@ def _followed(
     ends = (speeds[0], speeds[-1]) if given.branch == "up" else (speeds[-1], speeds[0])
     branch = periodic_branch(
         drive, point, orders, *map(float, ends), harmonics=given.harmonics,
-        functions=given.functions, damping=damping, throw=False,
+        functions=given.functions, damping=damping, belt_speed=given.belt_speed, throw=False,
     )  # fmt: skip
     if not branch.responses:
         rpm = ends[0] * RPM
