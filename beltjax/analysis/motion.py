@@ -11,7 +11,7 @@ from jaxtyping import Array, Complex, Float
 from beltjax.analysis.damping import Damping, damping_matrix
 from beltjax.analysis.linearization import Linearization
 from beltjax.analysis.orders import Forcing
-from beltjax.analysis.response import moments_on_rotors
+from beltjax.analysis.response import driver_moments
 from beltjax.analysis.steady import SteadyState
 from beltjax.drive.layout import belt_path, outline
 from beltjax.drive.operation import OperatingPoint
@@ -190,29 +190,42 @@ def narrowed(
     return jnp.concatenate([fields.reshape(*load.shape[:-1], -1), load[..., spans * n :]], axis=-1)
 
 
+def transmitted(lin: Linearization, damping: Damping) -> Float[Array, "3 size"]:
+    """Force on each coordinate by the driver's angle, rate and acceleration.
+
+    It stands on the left of (O2), beside what the stretch of the spans transmits.
+    """
+    m = lin.model
+    by_angle, by_rate, by_acceleration = driver_moments(lin, damping)
+    stiffness, belt = damping.stiffness / lin.scales.time, damping.belt / lin.scales.time
+    of_belt = (stiffness + belt) * (lin.elongations.T @ (m.lam * m.gam * lin.driving))
+    n = lin.spans * lin.basis.size
+    by_angle, by_rate, by_acceleration = (
+        jnp.zeros(len(lin.mass)).at[n : n + len(lin.rotors)].set(moments)
+        for moments in (by_angle, by_rate + stiffness * by_angle, by_acceleration)
+    )
+    return jnp.stack([by_angle, by_rate + of_belt, by_acceleration])
+
+
+def torque_loads(lin: Linearization) -> Float[Array, "pulleys size"]:
+    """Load on each coordinate per unit torque on the hub of each pulley [1/(N m)]."""
+    n = lin.spans * lin.basis.size
+    on_rotors = lin.steady.groups.hubs[:, lin.rotors] / lin.scales.energy
+    return jnp.zeros((lin.spans, len(lin.mass))).at[:, n : n + len(lin.rotors)].set(on_rotors)
+
+
 def load_series(
     lin: Linearization, forcing: Forcing, frequency: Float[Array, ""], damping: Damping
 ) -> tuple[Float[Array, " terms"], Float[Array, "terms size"]]:
     """The driver's rotation, and the load on each coordinate beside what its stretch transmits."""
-    m = lin.model
-    omega = frequency * jnp.arange(len(forcing.crank))
-
-    def at(
-        omega: Float[Array, ""], crank: Complex[Array, ""], torques: Complex[Array, " pulleys"]
-    ) -> Complex[Array, " size"]:
-        lag = 1j * omega * damping.stiffness / lin.scales.time  # of a damped stiffness
-        of_belt = lag + 1j * omega * damping.belt / lin.scales.time
-        load = -of_belt * crank * (lin.elongations.T @ (m.lam * m.gam * lin.driving))
-        forces = torques / lin.scales.energy
-        moments = moments_on_rotors(lin, omega, crank, forces, damping, 1 + lag)
-        n = lin.spans * lin.basis.size
-        return load.at[n : n + len(lin.rotors)].add(moments)
-
-    load = jax.vmap(at)(omega, forcing.crank, forcing.torques)
-    return _real_series(forcing.crank), _real_series(load)
+    driver = real_series(forcing.crank)
+    rate = frequency * derived(driver[:, None])
+    gained = frequency * derived(rate)
+    passed = jnp.concatenate([driver[:, None], rate, gained], axis=1) @ transmitted(lin, damping)
+    return driver, real_series(forcing.torques) @ torque_loads(lin) - passed
 
 
-def _real_series(amplitudes: Complex[Array, "harmonics *rest"]) -> Float[Array, "terms *rest"]:
+def real_series(amplitudes: Complex[Array, "harmonics *rest"]) -> Float[Array, "terms *rest"]:
     """Coefficients of the sum of Re(z_k e^{i k tau})."""
     waves = jnp.stack([amplitudes[1:].real, -amplitudes[1:].imag], axis=1)
     return jnp.concatenate([amplitudes[:1].real, waves.reshape(-1, *amplitudes.shape[1:])])

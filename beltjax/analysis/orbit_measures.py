@@ -1,6 +1,11 @@
-"""What a periodic motion does to the parts of a drive: amplitudes, extremes of tension, slip."""
+"""What a motion does to the parts of a drive: amplitudes, extremes of tension, slip.
 
+A motion is a function of its own variable: a periodic one of its phase, a transient one of time.
+"""
+
+import abc
 from collections.abc import Callable
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -14,6 +19,8 @@ from beltjax.numerics.harmonic_balance import Coefficients, derived, series
 from beltjax.numerics.roots import solve_dense
 from beltjax.physics.motion import MotionModel, dry_friction, strains
 
+Scalar = Float[Array, ""]
+
 _TIMES = 4  # points of time per sample of the orbit, from which extremes are refined
 _PLACES = 33  # points of a span
 _REFINEMENTS = 3  # of Newton's method
@@ -21,7 +28,9 @@ _MOST = 1e6  # slip exponent of a pulley beside a span without tension
 
 
 class Measures(Readable):
-    """Extremes of a motion over its period, all in SI units; deviations from the steady state.
+    """Extremes of a motion, all in SI units; deviations from the steady state.
+
+    A periodic motion is measured over its period, a transient one over all of its time.
 
     Their derivatives are exact: an extreme's own place in time changes nothing to first order.
     """
@@ -31,11 +40,11 @@ class Measures(Readable):
     travels: Float[Array, " tensioners"]  # peak to peak [rad] or [m]
     mean_motions: Float[Array, " tensioners"]  # [rad] or [m]
     greatest_motions: Float[Array, "tensioners 2"]  # least and greatest [rad] or [m]
-    friction_work: Float[Array, " tensioners"]  # of their dry friction over a period [J]
-    open_fractions: Float[Array, " isolators"]  # part of the period in which a clutch is open
+    friction_work: Float[Array, " tensioners"]  # of their dry friction [J]
+    open_fractions: Float[Array, " isolators"]  # part of the time in which a clutch is open
     tension_min: Float[Array, " spans"]  # [N]
     tension_max: Float[Array, " spans"]  # [N]
-    slack_fractions: Float[Array, " spans"]  # part of the period with a tension below 0
+    slack_fractions: Float[Array, " spans"]  # part of the time with a tension below 0
     span_peaks: Float[Array, " spans"]  # largest deflection over each span [m]
     slope_max: Float[Array, " spans"]  # largest slope of the deflection
     hub_load_max: Float[Array, " pulleys"]  # [N], of the vector sum of the effective tensions
@@ -43,19 +52,82 @@ class Measures(Readable):
     slip_exponent_max: Float[Array, " pulleys"]
 
 
+class Grid(NamedTuple):
+    """Points of a motion's variable at which it is looked at first."""
+
+    at: Float[Array, " points"]
+    weights: Float[Array, " points"]  # of a mean over the motion
+    reach: Float[Array, ""]  # within which an extreme is refined
+    limits: tuple[Float[Array, ""] | float, Float[Array, ""] | float]  # of the variable
+    duration: Float[Array, ""]  # of the whole motion, dimensionless
+
+
+class AbstractMotion(eqx.Module):
+    """Coordinates of a drive as functions of a variable; dimensionless."""
+
+    @abc.abstractmethod
+    def state(self, at: Scalar) -> tuple[Float[Array, " size"], Scalar]:
+        """Coordinates and the driver's rotation."""
+
+    @abc.abstractmethod
+    def rate(self, at: Scalar) -> Float[Array, " size"]:
+        """Rates of the coordinates by time."""
+
+    @abc.abstractmethod
+    def speed(self, at: Scalar) -> Scalar:
+        """Speed of the driver."""
+
+
+class PeriodicMotion(AbstractMotion):
+    """A Fourier series, whose variable is its phase."""
+
+    coefficients: Coefficients
+    driver: Float[Array, " terms"]
+    frequency: Scalar
+    mean_speed: Scalar
+
+    def state(self, at: Scalar) -> tuple[Float[Array, " size"], Scalar]:
+        """The series."""
+        of = series(at, len(self.driver) // 2)
+        return of @ self.coefficients, of @ self.driver
+
+    def rate(self, at: Scalar) -> Float[Array, " size"]:
+        """The series of its derivative."""
+        return self.frequency * (
+            series(at, len(self.driver) // 2) @ derived(self.coefficients)
+        )
+
+    def speed(self, at: Scalar) -> Scalar:
+        """The mean speed, and the rate of the driver's rotation."""
+        turning = derived(self.driver[:, None])[:, 0]
+        return self.mean_speed + self.frequency * (series(at, len(self.driver) // 2) @ turning)
+
+    def grid(self, samples: int) -> Grid:
+        """Equal steps of a period, where the motion was found with that many samples."""
+        count = _TIMES * samples
+        phases = jnp.arange(count) * (2 * jnp.pi / count)
+        weights = jnp.full(count, 1 / count)
+        return Grid(phases, weights, phases[1], (-jnp.inf, jnp.inf), 2 * jnp.pi / self.frequency)
+
+
 class Signals(eqx.Module):
-    """A periodic motion as functions of its phase, in SI units."""
+    """A motion as functions of its variable, in SI units."""
 
     linearization: Linearization
     model: MotionModel
-    coefficients: Coefficients
-    driver: Float[Array, " terms"]
-    frequency: Float[Array, ""]  # dimensionless
+    motion: AbstractMotion
 
     def state(self, phase: Float[Array, ""]) -> tuple[Float[Array, " size"], Float[Array, ""]]:
         """Coordinates and the driver's rotation."""
-        of = series(phase, len(self.driver) // 2)
-        return of @ self.coefficients, of @ self.driver
+        return self.motion.state(phase)
+
+    def effective(self, phase: Float[Array, ""]) -> Float[Array, " spans"]:
+        """Tension of each span less what turns the belt round, dimensionless."""
+        lin, speed = self.linearization, self.model.speed
+        Q = lin.steady.effective_tensions + self.gains(phase) / lin.scales.tension
+        if speed is None:
+            return Q
+        return Q - speed.relief(self.motion.speed(phase)) / lin.model.lam
 
     def rotors(self, phase: Float[Array, ""]) -> Float[Array, " rotors"]:
         """Rotations of all rotors [rad]."""
@@ -76,26 +148,24 @@ class Signals(eqx.Module):
     def hub_loads(self, phase: Float[Array, ""]) -> Float[Array, " pulleys"]:
         """Load on each hub [N], without the part of the tensions that turns the belt round."""
         lin, loops = self.linearization, self.linearization.steady.groups.loops
-        pulls = lin.steady.effective_tensions * lin.scales.tension + self.gains(phase)
+        pulls = lin.scales.tension * self.effective(phase)
         pulls = pulls[:, None] * lin.steady.reference.layout.directions
         square = jnp.sum((pulls - loops.preceding(pulls)) ** 2, axis=1)
         return jnp.sqrt(jnp.where(square > 0, square, 1e-300))
 
     def slip_exponents(self, phase: Float[Array, ""]) -> Float[Array, " pulleys"]:
         """|ln(Q_out/Q_in)| of each pulley."""
-        lin, loops = self.linearization, self.linearization.steady.groups.loops
-        Q = lin.steady.effective_tensions + self.gains(phase) / lin.scales.tension
+        Q, loops = self.effective(phase), self.linearization.steady.groups.loops
         pulled = Q > 0
         logarithm = jnp.log(jnp.where(pulled, Q, 1.0))
         both = pulled & loops.preceding(pulled)
         return jnp.where(both, jnp.abs(logarithm - loops.preceding(logarithm)), _MOST)
 
 
-def measures(signals: Signals, samples: int) -> Measures:
-    """Extremes of the motion, whose coefficients were found with that many samples."""
+def measures(signals: Signals, grid: Grid) -> Measures:
+    """Extremes of the motion, which are refined from those on a grid of its variable."""
     lin = signals.linearization
     groups, steady = lin.steady.groups, lin.steady
-    phases = jnp.arange(_TIMES * samples) * (2 * jnp.pi / (_TIMES * samples))
 
     def all_of(signals: Signals, phase: Float[Array, ""]) -> Float[Array, " items"]:
         rotors = signals.rotors(phase)
@@ -104,21 +174,21 @@ def measures(signals: Signals, samples: int) -> Measures:
         return jnp.concatenate([*rotations, signals.motions(phase), *pulls])
 
     sizes = [lin.spans, lin.spans, lin.bodies, lin.spans, lin.spans]
-    ends = jnp.split(extremes(all_of, signals, phases), np.cumsum(sizes), axis=1)
+    ends = jnp.split(extremes(all_of, signals, grid), np.cumsum(sizes), axis=1)
     rims, hubs, motions, gains, loads, use = ends
-    slack = jax.vmap(signals.gains)(phases) + steady.running_tensions < 0
-    peaks, slopes = _deflections(signals, phases)
+    slack = jax.vmap(signals.gains)(grid.at) + steady.running_tensions < 0
+    peaks, slopes = _deflections(signals, grid)
     return Measures(
         rotation_amplitudes=(rims[1] - rims[0]) / 2,
         hub_rotation_amplitudes=(hubs[1] - hubs[0]) / 2,
         travels=motions[1] - motions[0],
-        mean_motions=lin.split(signals.coefficients[0])[2] * lin.units,
+        mean_motions=grid.weights @ jax.vmap(signals.motions)(grid.at),
         greatest_motions=motions.T,
-        friction_work=_friction_work(signals, phases) * lin.scales.energy,
-        open_fractions=_open_fractions(signals, phases),
+        friction_work=_friction_work(signals, grid) * lin.scales.energy,
+        open_fractions=_open_fractions(signals, grid),
         tension_min=steady.running_tensions + gains[0],
         tension_max=steady.running_tensions + gains[1],
-        slack_fractions=jnp.mean(slack.astype(float), axis=0),
+        slack_fractions=grid.weights @ slack.astype(float),
         span_peaks=peaks * lin.model.lam * lin.scales.length,
         slope_max=slopes,
         hub_load_max=loads[1],
@@ -126,42 +196,39 @@ def measures(signals: Signals, samples: int) -> Measures:
     )
 
 
-def _open_fractions(signals: Signals, phases: Float[Array, " times"]) -> Float[Array, " isolators"]:
-    """Part of the period in which each clutch is open, without a derivative; springs never are."""
+def _open_fractions(signals: Signals, grid: Grid) -> Float[Array, " isolators"]:
+    """Part of the time in which each clutch is open, without a derivative; springs never are."""
     joints = signals.model.joints
     if joints is None:
         return jnp.zeros(0)
-    wound = jax.vmap(lambda phase: joints.wind_ups(*signals.state(phase)))(phases)
-    return joints.clutch * jnp.mean((wound < 0).astype(float), axis=0)
+    wound = jax.vmap(lambda phase: joints.wind_ups(*signals.state(phase)))(grid.at)
+    return joints.clutch * (grid.weights @ (wound < 0).astype(float))
 
 
-def _friction_work(signals: Signals, phases: Float[Array, " times"]) -> Float[Array, " tensioners"]:
-    """Work of dry friction over a period, of each body."""
-    X, model = signals.coefficients, signals.model
-    count = len(model.friction)
+def _friction_work(signals: Signals, grid: Grid) -> Float[Array, " tensioners"]:
+    """Work of dry friction over the whole motion, of each body."""
+    count = len(signals.model.friction)
 
-    # Speeds are derivatives by the phase here, and so is the work: w drops out but in tanh.
     def at(phase: Float[Array, ""]) -> Float[Array, " tensioners"]:
-        rate = series(phase, len(X) // 2) @ derived(X)
-        force = dry_friction(model, signals.frequency * rate)
-        return (force * rate)[len(rate) - count :]
+        rate = signals.motion.rate(phase)
+        return (dry_friction(signals.model, rate) * rate)[len(rate) - count :]
 
-    return 2 * jnp.pi * jnp.mean(jax.vmap(at)(phases), axis=0)
+    return grid.duration * (grid.weights @ jax.vmap(at)(grid.at))
 
 
 def extremes(
     function: Callable[[Signals, Float[Array, ""]], Float[Array, " items"]],
     signals: Signals,
-    phases: Float[Array, " times"],
+    grid: Grid,
 ) -> Float[Array, "2 items"]:
-    """Least and greatest value over the period of each item of a function of the phase.
+    """Least and greatest value over the motion of each item of a function of its variable.
 
-    The best of the phases given is refined by Newton's method.
+    The best of the points given is refined by Newton's method.
     """
     fixed = jax.lax.stop_gradient(signals)
-    values = jax.vmap(lambda phase: function(fixed, phase))(phases)
-    starts = phases[jnp.stack([jnp.argmin(values, axis=0), jnp.argmax(values, axis=0)])]
-    reach, one = phases[1] - phases[0], jnp.ones(())
+    values = jax.vmap(lambda phase: function(fixed, phase))(grid.at)
+    starts = grid.at[jnp.stack([jnp.argmin(values, axis=0), jnp.argmax(values, axis=0)])]
+    one = jnp.ones(())
     sign = jnp.array([[1.0], [-1.0]])
 
     def slope(phase: Float[Array, ""]) -> Float[Array, " items"]:
@@ -175,7 +242,8 @@ def extremes(
         first, second = jax.vmap(jax.vmap(slopes), (0, None))(at, jnp.arange(at.shape[1]))
         curved = sign * second > 0
         step = jnp.where(curved, -first / jnp.where(curved, second, 1.0), 0.0)
-        return jnp.clip(at + step, starts - reach, starts + reach)
+        near = jnp.clip(at + step, starts - grid.reach, starts + grid.reach)
+        return jnp.clip(near, *grid.limits)
 
     at = jax.lax.fori_loop(0, _REFINEMENTS, newton, starts)
     every = jax.vmap(jax.vmap(lambda phase: function(signals, phase)))(at)
@@ -183,36 +251,36 @@ def extremes(
 
 
 def _deflections(
-    signals: Signals, phases: Float[Array, " times"]
+    signals: Signals, grid: Grid
 ) -> tuple[Float[Array, " spans"], Float[Array, " spans"]]:
     """Largest deflection of each span over its length, and largest slope, in space and time."""
     lin = signals.linearization
     fixed = jax.lax.stop_gradient(signals)
-    grid = jnp.linspace(0.0, 1.0, _PLACES)
-    states = jax.vmap(lambda phase: fixed.state(phase)[0])(phases)
+    places, (first, last) = jnp.linspace(0.0, 1.0, _PLACES), grid.limits
+    states = jax.vmap(lambda phase: fixed.state(phase)[0])(grid.at)
 
     def of_span(i: Int[Array, ""]) -> tuple[Array, Array]:
         def at(signals: Signals, point: Float[Array, "2"], order: int = 0) -> Array:
             return signals.linearization.deflection(signals.state(point[1])[0], i, point[0], order)
 
-        table = jax.vmap(lambda z: lin.deflection(z, i, grid))(states)
+        table = jax.vmap(lambda z: lin.deflection(z, i, places))(states)
         time, place = jnp.unravel_index(jnp.argmax(jnp.abs(table)), table.shape)
-        start = jnp.stack([grid[place], phases[time]])
+        start = jnp.stack([places[place], grid.at[time]])
         sign = jnp.sign(table[time, place])
-        reach = jnp.stack([grid[1], phases[1]])
+        reach = jnp.stack([places[1], grid.reach])
 
         def newton(_: Array, point: Float[Array, "2"]) -> Float[Array, "2"]:
             slope = jax.grad(lambda point: -sign * at(fixed, point))
-            first, (second, mixed) = slope(point), jax.jacfwd(slope)(point)
+            steep, (second, mixed) = slope(point), jax.jacfwd(slope)(point)
             determinant = second[0] * mixed[1] - second[1] * mixed[0]
             curved = (determinant > 0) & (second[0] > 0)
-            step = -solve_dense(jnp.stack([second, mixed]), first)
+            step = -solve_dense(jnp.stack([second, mixed]), steep)
             step = jnp.where(curved, step, 0.0)
             point = jnp.clip(point + step, start - reach, start + reach)
-            return point.at[0].set(jnp.clip(point[0], 0.0, 1.0))
+            return jnp.stack([jnp.clip(point[0], 0.0, 1.0), jnp.clip(point[1], first, last)])
 
         point = jax.lax.fori_loop(0, _REFINEMENTS, newton, start)
-        steepest = jnp.max(jnp.abs(jax.vmap(lambda z: lin.deflection(z, i, grid, 1))(states)))
+        steepest = jnp.max(jnp.abs(jax.vmap(lambda z: lin.deflection(z, i, places, 1))(states)))
         return sign * at(signals, point), steepest
 
     return jax.vmap(of_span)(jnp.arange(lin.spans))

@@ -24,7 +24,7 @@ from beltjax.analysis.motion import (
     span_paths,
     widened,
 )
-from beltjax.analysis.orbit_measures import Measures, Signals, measures
+from beltjax.analysis.orbit_measures import Measures, PeriodicMotion, Signals, measures
 from beltjax.analysis.orders import Forcing, Orders, given_forcing
 from beltjax.analysis.steady import steady_state
 from beltjax.compiling.quick import boundary_jit, usual_promotion
@@ -271,6 +271,7 @@ class Prepared(NamedTuple):
     shapes: Float[Array, "spans n functions"]  # of the functions that are counted
     excited: Excited  # in those
     frequency: Float[Array, ""]  # [rad/s]
+    speed: Float[Array, ""]  # of the driver [rad/s]
     samples: int
     result: RESULTS
 
@@ -280,7 +281,8 @@ def prepared(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> Prepare
     steady = steady_state(drive, point, throw=False)
     basis = Legendre(_FINE) if asked.basis is None else asked.basis
     lin = linearize(steady, basis, throw=False)
-    frequency = asked.base * driver_speed(drive, point)
+    turning = driver_speed(drive, point)
+    frequency = asked.base * turning
     paths = span_paths(drive, steady) if asked.curved else None
     joints = joints_of(drive, lin, asked.damping) if asked.loose else None
     speed = belt_speeds(drive, point, lin) if asked.varying else None
@@ -297,7 +299,7 @@ def prepared(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> Prepare
         (~jnp.all(jnp.isfinite(load)), RESULTS.numbers_unusable),
     )
     excited = frozen_where_failed(excited, result)
-    return Prepared(drive, lin, whole, shapes, excited, frequency, asked.samples, result)
+    return Prepared(drive, lin, whole, shapes, excited, frequency, turning, asked.samples, result)
 
 
 @boundary_jit
@@ -314,8 +316,10 @@ def _periodic(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> Period
 def described(made: Prepared, orbit: Orbit) -> PeriodicResponse:
     """The answer about an orbit of the drive."""
     lin, driver, w = made.linearization, made.excited.driver, made.excited.frequency
-    signals = Signals(lin, made.model, widened(made.shapes, orbit.coefficients), driver, w)
-    found = measures(signals, made.samples)
+    coefficients = widened(made.shapes, orbit.coefficients)
+    motion = PeriodicMotion(coefficients, driver, w, made.speed * lin.scales.time)
+    signals = Signals(lin, made.model, motion)
+    found = measures(signals, motion.grid(made.samples))
     use = _friction_use(made.drive, lin, found)
     floquet = multipliers(oscillator, made.excited, orbit.coefficients)
     size = jnp.linalg.norm(orbit.coefficients)
@@ -323,7 +327,7 @@ def described(made: Prepared, orbit: Orbit) -> PeriodicResponse:
         (~succeeded(made.result), made.result), (~orbit.converged, RESULTS.orbit_not_found)
     )
     answer = PeriodicResponse(
-        coefficients=signals.coefficients,
+        coefficients=coefficients,
         frequency=made.frequency,
         driver=driver,
         multipliers=floquet,
