@@ -237,5 +237,5 @@ def friction_work(analyses: DriveAnalyses) -> Many:
 
 @quantity("stability_margin", needs="excitation")
 def stability_margin(analyses: DriveAnalyses) -> Scalar:
-    """1 less the modulus of the largest Floquet multiplier of periodic motion; negative: unstable."""
+    """1 less the largest Floquet multiplier of periodic motion; negative where it is unstable."""
     return margin_of(analyses.periodic)

@@ -63,8 +63,9 @@ class DriveAnalyses:
         assert shaken is not None  # because the quantity needs "excitation"
         order = ORDER if shaken.order is None else shaken.order
         crank = 0.0 if shaken.crank is None else shaken.crank
+        free = shaken.driver == "free"
         return frequency_response(
-            self.linearization,
+            linearize(self.steady, BASIS, free=True, throw=False) if free else self.linearization,
             order * self.driver_speed[None],
             Excitation(crank, dict(shaken.torque)),
             self.drive.pulley_names,

@@ -17,7 +17,8 @@ class Damping(eqx.Module):
     `modal` is the damping ratio of every mode of the drive without gyroscopic forces, `stiffness`
     [s] the factor of the stiffness matrix, and `belt` [s] that of the belt's stretch alone: modal
     damping also joins the two sides of a clutch that is open. The dampers of tensioners, arm
-    springs, isolators and rings come from the drive and are counted unless `arm` is False. Raises
+    springs, isolators and rings come from the drive, and what a load takes more at a higher speed
+    (which is negative for a constant power); both are counted unless `arm` is False. Raises
     `ValueError` for a factor that is negative or not finite.
     """
 

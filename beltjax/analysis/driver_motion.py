@@ -1,7 +1,7 @@
 """What the driver does over time: run-up, coast-down, start and stop, and how its rotation shakes.
 
-    psi    angle of the frame that turns with the mean speed Omega of the driver
-    theta  rotation of the driver beyond it
+psi    angle of the frame that turns with the mean speed Omega of the driver
+theta  rotation of the driver beyond it
 """
 
 from typing import NamedTuple
@@ -90,8 +90,7 @@ class DriverMotion(eqx.Module):
             if self.of_speeds:
                 shaken = found[0] - psi, found[1] - Omega, found[2] - gained
             theta, rate, acceleration = (
-                one + other
-                for one, other in zip((theta, rate, acceleration), shaken, strict=True)
+                one + other for one, other in zip((theta, rate, acceleration), shaken, strict=True)
             )
         return Driven(psi, Omega, gained, theta, rate, acceleration, of @ self.torques)
 

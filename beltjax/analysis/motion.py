@@ -3,6 +3,7 @@
 import dataclasses
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,11 +14,14 @@ from beltjax.analysis.linearization import Linearization
 from beltjax.analysis.orders import Forcing
 from beltjax.analysis.response import driver_moments
 from beltjax.analysis.steady import SteadyState
+from beltjax.drive.groups import Scales
 from beltjax.drive.layout import belt_path, outline
+from beltjax.drive.loads import Load
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.shafts import rotors, transmission
 from beltjax.drive.system import Drive
-from beltjax.numerics.harmonic_balance import Oscillator, derived, series
+from beltjax.numerics.harmonic_balance import Neutral, Oscillator, derived, series
+from beltjax.physics.accessories import Accessories
 from beltjax.physics.joints import Joints
 from beltjax.physics.motion import (
     BeltSpeed,
@@ -31,6 +35,16 @@ from beltjax.physics.vibration import acceleration, convection
 
 LAYERED = 8  # functions of a span from which four of them are its ends' layers
 _LAYERS = 4
+
+
+class _Taken(eqx.Module):
+    """The torque of a load over the speed of its pulley, dimensionless."""
+
+    load: Load
+    scales: Scales
+
+    def __call__(self, speed: Float[Array, ""]) -> Float[Array, ""]:
+        return self.load.at(speed / self.scales.time).torque / self.scales.energy
 
 
 class Excited(NamedTuple):
@@ -48,8 +62,9 @@ def motion_model(
     paths: SpanPaths | None = None,
     joints: Joints | None = None,
     speed: BeltSpeed | None = None,
+    accessories: Accessories | None = None,
 ) -> MotionModel:
-    """The drive of `linearization` in motion, whose driver's rotation is given."""
+    """The drive of `linearization` in motion."""
     lin = linearization
     return MotionModel(
         mass=lin.mass,
@@ -65,6 +80,8 @@ def motion_model(
         friction_speed=lin.steady.groups.friction_speeds,
         joints=joints,
         speed=speed,
+        accessories=accessories,
+        rigid=rigid_rotation(lin) if lin.free else None,
         functions=lin.basis.size,
     )
 
@@ -97,6 +114,40 @@ def belt_travels(drive: Drive, point: OperatingPoint) -> Float[Array, " pulleys"
 def driver_speed(drive: Drive, point: OperatingPoint) -> Float[Array, ""]:
     """Speed of the driver [rad/s]."""
     return point.speed(drive) / (drive.drives @ drive.radii)
+
+
+def rigid_rotation(lin: Linearization) -> Float[Array, " size"]:
+    """The rotation of the drive that strains nothing, per rotation of the driver."""
+    m, n = lin.model, lin.spans * lin.basis.size
+    others = lin.rotors[1:] if lin.free else lin.rotors  # the driver comes first
+    of_others = m.turns[:, others]
+    weighted = of_others.T * (m.lam * m.gam)
+    springs = m.K_r[others]
+    matrix = weighted @ of_others + springs[:, others]
+    load = weighted @ m.turns[:, lin.driver] + springs[:, lin.driver]
+    turned = -jnp.linalg.solve(matrix, load)
+    if lin.free:
+        turned = jnp.concatenate([jnp.ones(1), turned])
+    return jnp.zeros(len(lin.mass)).at[n : n + len(lin.rotors)].set(turned)
+
+
+def accessories_of(drive: Drive, point: OperatingPoint, lin: Linearization) -> Accessories:
+    """The loads of the operating point; those on the driver's shaft are not counted."""
+    driven = transmission(drive, point)
+    ratios = belt_travels(drive, point) / drive.radii
+    places = np.array([drive.pulley(name) for name in point.load])
+    counted = (1 - driven.driving[places])[:, None]
+    n = lin.spans * lin.basis.size
+    rows = jnp.zeros((len(places), len(lin.mass)))
+    rows = rows.at[:, n : n + len(lin.rotors)].set(
+        counted * lin.steady.groups.hubs[places][:, lin.rotors]
+    )
+    return Accessories(
+        torques=tuple(_Taken(load, lin.scales) for load in point.load.values()),
+        rows=rows,
+        speeds=(driven.speeds / drive.radii)[places] * lin.scales.time,
+        ratios=ratios[places],
+    )
 
 
 def span_paths(drive: Drive, steady: SteadyState) -> SpanPaths:
@@ -246,10 +297,15 @@ def oscillator(excited: Excited, part: Float[Array, ""]) -> Oscillator:
         relief = 0.0
         if m.joints is not None:
             found = found + m.joints.force(z, rate, theta, turning)
+        if m.accessories is not None:
+            found = found + m.accessories.force(rate)
         if m.speed is not None:
             omega = m.speed.omega0 + turning
             relief = m.speed.relief(omega)
             found = found + m.speed.force(z, rate, omega, of @ twice_by_time)
         return found + stretching(m, z, theta, relief)
 
-    return Oscillator(m.mass, m.damping, m.stiffness, excited.frequency, force)
+    neutral = None
+    if m.rigid is not None:
+        neutral = Neutral(m.rigid, jnp.asarray(m.functions * len(m.work)))  # the driver's rotation
+    return Oscillator(m.mass, m.damping, m.stiffness, excited.frequency, force, neutral)

@@ -93,9 +93,7 @@ class PeriodicMotion(AbstractMotion):
 
     def rate(self, at: Scalar) -> Float[Array, " size"]:
         """The series of its derivative."""
-        return self.frequency * (
-            series(at, len(self.driver) // 2) @ derived(self.coefficients)
-        )
+        return self.frequency * (series(at, len(self.driver) // 2) @ derived(self.coefficients))
 
     def speed(self, at: Scalar) -> Scalar:
         """The mean speed, and the rate of the driver's rotation."""

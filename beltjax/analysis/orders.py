@@ -9,8 +9,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Complex, Float
 
 from beltjax.analysis.response import Excitation
-from beltjax.drive.components import as_real
-from beltjax.drive.operation import ExcitationGiven
+from beltjax.drive.components import as_real, concrete
+from beltjax.drive.operation import ExcitationGiven, as_driver
 
 _FINEST = 64  # denominator of an order
 
@@ -30,14 +30,18 @@ class Orders(eqx.Module):
 
     Orders are whole numbers or fractions with small denominators (0.5 for the irregularity of a
     four-stroke engine), so that all have a common period. With `subharmonic` = m that
-    period is m times as long, for motions that repeat less often than what excites them. Raises
-    `ValueError` for no orders, and for one that is not a positive fraction.
+    period is m times as long, for motions that repeat less often than what excites them. The
+    `driver` is "prescribed", so that it turns as the excitations say, or "free": it turns by its
+    torque, which may fluctuate as that of any pulley, about a mean speed that is given. Raises
+    `ValueError` for no orders, for one that is not a positive fraction, and for the motion of a
+    driver that is free.
     """
 
     excitations: dict[float, Excitation] = eqx.field(
         converter=lambda given: {float(order): one for order, one in given.items()}
     )
     subharmonic: int = eqx.field(static=True, default=1)
+    driver: str = eqx.field(static=True, converter=as_driver, default="prescribed")
 
     def __check_init__(self):
         if not self.excitations:
@@ -46,7 +50,13 @@ class Orders(eqx.Module):
             )
         if self.subharmonic < 1:
             raise ValueError(f"Orders.subharmonic: found {self.subharmonic}; give 1 or more.")
-        for order in self.excitations:
+        for order, one in self.excitations.items():
+            crank = concrete(one.crank)
+            if self.driver == "free" and crank is not None and crank.any():
+                raise ValueError(
+                    f"Orders: found crank motion of order {order:g}, and the driver is free; "
+                    "give torques, that of the driver among them."
+                )
             near = (
                 Fraction(order).limit_denominator(_FINEST) if math.isfinite(order) else Fraction()
             )
@@ -82,7 +92,12 @@ class Orders(eqx.Module):
                     f"harmonics: found {harmonics}; order {order:g} is harmonic {place} of the "
                     f"period, give at least {place}, and several times that for an accurate motion."
                 )
-            crank = crank.at[place].add(one.crank)
+            turned = one.crank
+            if self.driver == "free":
+                turned = jnp.where(
+                    turned == 0, turned, jnp.nan
+                )  # a traced one, as in __check_init__
+            crank = crank.at[place].add(turned)
             torques = torques.at[place].add(one.on(names))
         return Forcing(crank, torques)
 
@@ -95,9 +110,10 @@ def orders_of(given: ExcitationGiven) -> Orders:
             turn = jnp.exp(1j * one.phase)
             torques = {name: turn * size for name, size in one.torque.items()}
             parts.setdefault(one.order, []).append(Excitation(turn * one.crank, torques))
-        return Orders({order: _together(same) for order, same in parts.items()})
+        together = {order: _together(same) for order, same in parts.items()}
+        return Orders(together, driver=given.driver)
     order = ORDER if given.order is None else float(given.order)
-    return Orders({order: _single(given)})
+    return Orders({order: _single(given)}, driver=given.driver)
 
 
 def given_forcing(
@@ -112,7 +128,7 @@ def given_forcing(
         return orders.forcing(names, harmonics), jnp.asarray(orders.base)
     # A single order may be traced: it is the period's.
     order = as_real(ORDER) if given.order is None else given.order
-    return Orders({1.0: _single(given)}).forcing(names, harmonics), order
+    return Orders({1.0: _single(given)}, driver=given.driver).forcing(names, harmonics), order
 
 
 def _single(given: ExcitationGiven) -> Excitation:

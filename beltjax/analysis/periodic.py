@@ -13,6 +13,7 @@ from beltjax.analysis.damping import Damping
 from beltjax.analysis.linearization import Linearization, linearize
 from beltjax.analysis.motion import (
     Excited,
+    accessories_of,
     belt_speeds,
     driver_speed,
     joints_of,
@@ -60,6 +61,9 @@ class PeriodicResponse(eqx.Module):
     multipliers: Complex[Array, " states"]  # Floquet's, the largest first
     measures: Measures
     friction_use: Float[Array, " pulleys"]  # largest over the period; 0 without friction
+    # Mean torque of the driver in the direction of travel, beside what the steady state has [N m];
+    # 0 where its rotation is given.
+    mean_driver_torque: Float[Array, ""]
     linearization: Linearization
     signals: Signals
     # The equations in the functions that were counted, and these by the linearization's.
@@ -152,7 +156,7 @@ def periodic_response(
             spans straight.
         basis: functions for the deflections in place of these, such as `Legendre(24)`.
         damping: `Damping()` unless given, which counts the drive's own dampers.
-        belt_speed: "constant", or "varying": the belts follow the rotation of the driver (O8),
+        belt_speed: "constant", or "varying": the belts follow the rotation of the driver (O9),
             which changes the motion by some 0.1 %.
         throw: raise where the result is a failure.
 
@@ -199,6 +203,7 @@ class MotionAsked(eqx.Module):
     curved: bool = eqx.field(static=True)  # bodies may move on exact paths
     loose: bool = eqx.field(static=True)  # joints may be clutches
     varying: bool = eqx.field(static=True)  # the belts' speed follows the driver's rotation
+    free: bool = eqx.field(static=True)  # the driver turns by its torque
 
 
 def asked_of(
@@ -217,7 +222,14 @@ def asked_of(
     _require_resolution(how.harmonics, samples, how.functions)
     if belt_speed not in BELT_SPEEDS:
         raise ValueError(f"belt_speed: found {belt_speed!r}; give {' or '.join(BELT_SPEEDS)}.")
+    varying = belt_speed == "varying"
     forcing, base = _forcing(drive, point, orders, how.harmonics)
+    free = _driver(point, orders) == "free"
+    if free and varying:
+        raise ValueError(
+            'belt_speed: found "varying", and the driver is free; belts follow a rotation that is '
+            'given. Give "constant".'
+        )
     forcing, damping = strongly_typed((forcing, Damping() if damping is None else damping))
     return MotionAsked(
         forcing=forcing,
@@ -228,7 +240,8 @@ def asked_of(
         functions=how.functions,
         curved=bool(drive.tensioners) and _any_of([drive.model.arm_curvature]),
         loose=loose,
-        varying=belt_speed == "varying",
+        varying=varying,
+        free=free,
     )
 
 
@@ -243,6 +256,13 @@ def _forcing(
         raise ValueError("orders: found none, and the point has no excitation; give Orders(...).")
     forcing, base = given_forcing(point.excitation, names, harmonics)
     return forcing, as_real(base)
+
+
+def _driver(point: OperatingPoint, orders: Orders | None) -> str:
+    if orders is not None:
+        return orders.driver
+    assert point.excitation is not None  # as _forcing holds
+    return point.excitation.driver
 
 
 def _any_of(flags: Sequence[Array]) -> bool:
@@ -280,13 +300,14 @@ def prepared(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> Prepare
     """The equations of a drive's motion at an operating point."""
     steady = steady_state(drive, point, throw=False)
     basis = Legendre(_FINE) if asked.basis is None else asked.basis
-    lin = linearize(steady, basis, throw=False)
+    lin = linearize(steady, basis, free=asked.free, throw=False)
     turning = driver_speed(drive, point)
     frequency = asked.base * turning
     paths = span_paths(drive, steady) if asked.curved else None
     joints = joints_of(drive, lin, asked.damping) if asked.loose else None
     speed = belt_speeds(drive, point, lin) if asked.varying else None
-    whole = motion_model(lin, asked.damping, paths, joints, speed)
+    accessories = accessories_of(drive, point, lin) if point.load else None
+    whole = motion_model(lin, asked.damping, paths, joints, speed, accessories)
     w = frequency * lin.scales.time
     driver, load = load_series(lin, asked.forcing, w, asked.damping)
     if asked.basis is None:
@@ -316,7 +337,12 @@ def _periodic(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> Period
 def described(made: Prepared, orbit: Orbit) -> PeriodicResponse:
     """The answer about an orbit of the drive."""
     lin, driver, w = made.linearization, made.excited.driver, made.excited.frequency
-    coefficients = widened(made.shapes, orbit.coefficients)
+    neutral = oscillator(made.excited, jnp.ones(())).neutral
+    found_at, torque = orbit.coefficients, jnp.zeros(())
+    if neutral is not None:
+        torque = neutral.mean_load(found_at)
+        found_at = found_at.at[0].add(torque * neutral.direction)  # its mean rotation is 0
+    coefficients = widened(made.shapes, found_at)
     motion = PeriodicMotion(coefficients, driver, w, made.speed * lin.scales.time)
     signals = Signals(lin, made.model, motion)
     found = measures(signals, motion.grid(made.samples))
@@ -333,6 +359,7 @@ def described(made: Prepared, orbit: Orbit) -> PeriodicResponse:
         multipliers=floquet,
         measures=found,
         friction_use=use,
+        mean_driver_torque=torque * lin.scales.energy,
         linearization=lin,
         signals=signals,
         excited=made.excited,

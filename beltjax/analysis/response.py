@@ -362,6 +362,7 @@ def speed_response(
     order: float = 2.0,
     damping: Damping | None = None,
     basis: AbstractBasis | None = None,
+    free: bool = False,
     throw: bool = True,
 ) -> Response:
     """Response over a range of the driver's speed [rad/s], excited at `order` times that speed.
@@ -377,6 +378,7 @@ def speed_response(
         order: excitation frequency over the driver's speed.
         damping: `Damping()` unless given, which counts the drive's own dampers.
         basis: functions for the deflections of each span, `Legendre(16)` unless given.
+        free: let the driver turn by its torque, as `linearize` does; there is no crank motion then.
         throw: raise where the result of any speed is a failure.
 
     Returns:
@@ -400,7 +402,7 @@ def speed_response(
     excitation, damping = strongly_typed((excitation, damping))
     shaken = excitation.crank, excitation.on(drive.pulley_names)
     numbers = *canonical(drive, point), driver_speeds, shaken, as_real(order)
-    found = _over_speeds(*numbers, damping, basis)
+    found = _over_speeds(*numbers, damping, basis, free)
     return raise_unless_successful(found, found.result, throw)
 
 
@@ -413,6 +415,7 @@ def _over_speeds(
     order: Float[Array, ""],
     damping: Damping,
     basis: AbstractBasis,
+    free: bool,
 ) -> Response:
     def at(speed: Float[Array, ""]) -> tuple[Response, tuple[RESULTS, RESULTS]]:
         moved = eqx.tree_at(
@@ -422,7 +425,7 @@ def _over_speeds(
             is_leaf=lambda leaf: leaf is None,
         )
         steady = steady_state(drive, moved, throw=False)
-        lin = linearize(steady, basis, throw=False)
+        lin = linearize(steady, basis, free=free, throw=False)
         found = _response(lin, order * speed[None], *shaken, damping, False)
         outcomes = found.result, found.warning
         flat = eqx.tree_at(lambda r: (r.result, r.warning), found, (None, None))

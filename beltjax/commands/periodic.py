@@ -7,6 +7,7 @@ import click
 from beltjax.commands.registry import (
     command,
     crank_option,
+    driver_option,
     duty_option,
     figure_option,
     json_option,
@@ -33,6 +34,7 @@ def _document() -> type["Document"]:
 @crank_option
 @torque_option
 @order_option
+@driver_option
 @click.option(
     "--orders",
     metavar="ORDER=AMPLITUDE[@PHASE],..",
@@ -79,6 +81,7 @@ def periodic(
     crank: str | None,
     torque: tuple[str, ...],
     order: float | None,
+    driver: str | None,
     orders: str | None,
     speeds: str | None,
     branch: str | None,
@@ -108,6 +111,7 @@ def periodic(
             duty,
             branch,
             belt_speed,
+            driver,
         )
         return periodic_report(drive_file, given, figure, advance, si)
 

@@ -108,6 +108,11 @@ order_option = click.option(
     type=float,
     help="Excite so often per rotation of the driver; 2 unless the file says.",
 )
+driver_option = click.option(
+    "--driver",
+    type=click.Choice(["prescribed", "free"]),
+    help="Give the driver's rotation, or let it turn freely by its torque; as the file says.",
+)
 modal_damping_option = click.option(
     "--modal-damping", type=float, help="Damp every mode by this ratio; 0.02 unless given."
 )

@@ -7,6 +7,7 @@ import click
 from beltjax.commands.registry import (
     command,
     crank_option,
+    driver_option,
     duty_option,
     figure_option,
     json_option,
@@ -33,6 +34,7 @@ def _document() -> type["Document"]:
 @crank_option
 @torque_option
 @order_option
+@driver_option
 @click.option(
     "--speeds",
     default="600 rpm:6000 rpm:200",
@@ -49,6 +51,7 @@ def response(
     crank: str | None,
     torque: tuple[str, ...],
     order: float | None,
+    driver: str | None,
     speeds: str,
     modal_damping: float | None,
     duty: str | None,
@@ -63,7 +66,7 @@ def response(
 
         return response_report(
             drive_file,
-            ResponseOptions(crank, torque, order, speeds, modal_damping, duty),
+            ResponseOptions(crank, torque, order, speeds, modal_damping, duty, driver),
             figure,
             advance,
             si,

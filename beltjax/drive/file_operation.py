@@ -114,6 +114,7 @@ def _excitation(table: ExcitationTable) -> ExcitationGiven:
             )
             for one in table.orders
         ),
+        driver=table.driver,
     )
 
 
@@ -159,12 +160,23 @@ def _require_excited(file: DriveTable, wheels: Wheels, path: object) -> None:
     tables |= {
         f"excitation.orders.{k}": one.torque for k, one in enumerate(file.excitation.orders, 1)
     }
+    free = file.excitation.driver == "free"
     for table, torque in tables.items():
         for name in torque:
             key = f"{table}.torque.{name}"
             wheels.require_known(name, key, path)
-            if name in wheels.shaft(wheels.driver):
-                raise FileError(path, key, "the driver's motion is given; use crank")
+            if name in wheels.shaft(wheels.driver) and not free:
+                message = 'the driver\'s motion is given; use crank, or excitation.driver = "free"'
+                raise FileError(path, key, message)
+    cranks = {"excitation": file.excitation.number("crank")}
+    cranks |= {
+        f"excitation.orders.{k}": one.number("crank")
+        for k, one in enumerate(file.excitation.orders, 1)
+    }
+    for table, crank in cranks.items():
+        if free and crank:
+            message = f"a free driver's motion is not given; use torque.{wheels.driver}"
+            raise FileError(path, f"{table}.crank", message)
 
 
 def operation_content(point: OperatingPoint) -> dict[str, Any]:
@@ -201,6 +213,7 @@ def excitation_content(point: OperatingPoint) -> dict[str, Any] | None:
         return None
     content = numbers_content(shaken) | {"torque": _by_name(shaken.torque)}
     orders = [numbers_content(one) | {"torque": _by_name(one.torque)} for one in shaken.orders]
+    content = content if shaken.driver == "prescribed" else content | {"driver": shaken.driver}
     return content | {"orders": orders} if orders else content
 
 

@@ -387,6 +387,13 @@ class ExcitationTable(Table):
         Field(default_factory=list),
         meaning("tables of several orders, for `beltjax periodic`, in place of the others"),
     ]
+    driver: Annotated[
+        Literal["prescribed", "free"],
+        meaning(
+            '`"prescribed"`: its rotation is given by crank, or steady; `"free"`: it turns by its '
+            "torque, which may fluctuate, at a mean speed that is given"
+        ),
+    ] = "prescribed"
 
 
 class ModelTable(Table):

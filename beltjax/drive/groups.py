@@ -125,6 +125,7 @@ def groups_and_scales(
         jnp.maximum(of_springs.floating[:, None], of_springs.floating),
     )
     turning = rotors(drive)
+    of_loads = turning.hubs.T @ (driven.slopes[:, None] * turning.hubs)
     groups = Groups(
         bendings=_root_or_zero(bending / base_tension) / length,
         speeds=driven.speeds[loops.starts] / wave_speed,
@@ -163,7 +164,7 @@ def groups_and_scales(
         hubs=turning.hubs,
         rotor_inertias=None if turning.inertias is None else turning.inertias / inertia_unit,
         rotor_springs=turning.stiffness / energy,
-        rotor_damping=turning.damping / (energy * time),
+        rotor_damping=(turning.damping + of_loads) / (energy * time),
         unstretched=_unstretched(made, at, tensions) / length,
         belt_inertia=jax.lax.stop_gradient(drive.model.belt_inertia),
         loops=loops,

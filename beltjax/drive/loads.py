@@ -133,6 +133,13 @@ class Load(Readable):
             torque = torque + self.drag
         return Taken(torque, outside, at_standstill)
 
+    def slope(self, speed: Float[Array, ""]) -> Float[Array, ""]:
+        """Derivative of the torque by the speed of the pulley [N m s/rad].
+
+        Above 0 the load damps the rotation of its pulley; that of a constant power excites it.
+        """
+        return jax.jvp(lambda speed: self.at(speed).torque, (speed,), (jnp.ones(()),))[1]
+
     def _of_table(
         self, speeds: Float[Array, " points"], speed: Float[Array, ""]
     ) -> Float[Array, ""]:

@@ -12,6 +12,15 @@ from beltjax.drive.shafts import transmission
 from beltjax.drive.system import Drive
 from beltjax.files.fields import number
 
+DRIVERS = ("prescribed", "free")
+
+
+def as_driver(word: str) -> str:
+    """How the driver moves; raises `ValueError` for a word that is not among `DRIVERS`."""
+    if word not in DRIVERS:
+        raise ValueError(f"driver: found {word!r}; give {' or '.join(map(repr, DRIVERS))}.")
+    return word
+
 
 class OrderGiven(Readable):
     """One of several orders of an excitation, amplitude cos(order psi + phase)."""
@@ -60,6 +69,8 @@ class ExcitationGiven(Readable):
         metadata=number("N m", "by pulley's name, in the direction of belt travel", at_least=0),
     )
     orders: tuple[OrderGiven, ...] = eqx.field(converter=tuple, default=())
+    # "prescribed": its rotation is given; "free": it turns by its torque.
+    driver: str = eqx.field(static=True, converter=as_driver, default="prescribed")
 
 
 class OperatingPoint(Readable):

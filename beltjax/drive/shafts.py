@@ -8,7 +8,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from beltjax.drive.components import Damper, Isolator
-from beltjax.drive.loads import Taken
 from beltjax.drive.system import Drive
 
 if TYPE_CHECKING:
@@ -27,6 +26,7 @@ class Transmission(NamedTuple):
     given: Float[Array, " pulleys"]  # torque that the point gives each pulley itself [N m]
     outside: Bool[Array, " pulleys"]  # whether the speed lies outside of the table of its load
     at_standstill: Bool[Array, " pulleys"]  # whether a load takes power where nothing turns
+    slopes: Float[Array, " pulleys"]  # of the loads' torques by the pulleys' speeds [N m s/rad]
     # Speed of a belt at that pulley as a sum of this times the speeds at other pulleys, along the
     # list; a row of zeros for the belt of the driver.
     gearing: Float[Array, "belts pulleys"]
@@ -63,7 +63,7 @@ def transmission(drive: Drive, point: "OperatingPoint") -> Transmission:
         ratio = ratio + of_belt.T @ (turned @ ratio)
         reached = jnp.minimum(reached + of_belt.T @ (of_belt @ next_near), 1.0)
     speeds = jnp.abs(ratio) * point.speed(drive)
-    given, outside, at_standstill = _given(drive, point, speeds / radii)
+    given, outside, at_standstill, slopes = _given(drive, point, speeds / radii)
     on_its_shaft = together @ given
     torques: Float[Array, " pulleys"] = jnp.zeros(count)
     for _ in drive.belts:
@@ -81,21 +81,32 @@ def transmission(drive: Drive, point: "OperatingPoint") -> Transmission:
         given=given,
         outside=outside & (driving == 0),
         at_standstill=at_standstill & (driving == 0),
+        slopes=slopes * (driving == 0),
         gearing=gearing,
     )
 
 
-def _given(drive: Drive, point: "OperatingPoint", turning: Float[Array, " pulleys"]) -> Taken:
+class _Given(NamedTuple):
+    """What torques and loads ask of each pulley."""
+
+    torque: Float[Array, " pulleys"]
+    outside: Bool[Array, " pulleys"]
+    at_standstill: Bool[Array, " pulleys"]
+    slope: Float[Array, " pulleys"]
+
+
+def _given(drive: Drive, point: "OperatingPoint", turning: Float[Array, " pulleys"]) -> _Given:
     """What torques and loads ask of each pulley, which turns at these speeds [rad/s]."""
     zero, no = jnp.zeros(()), jnp.array(False)
     torque = [point.torque.get(name, zero) for name in drive.pulley_names]
-    outside, at_standstill = [no] * len(torque), [no] * len(torque)
+    outside, at_standstill, slope = ([part] * len(torque) for part in (no, no, zero))
     for name, load in point.load.items():
         k = drive.pulley(name)
         taken = load.at(turning[k])
         torque[k] = torque[k] + taken.torque
         outside[k], at_standstill[k] = taken.outside, taken.at_standstill
-    return Taken(*(jnp.stack(each) for each in (torque, outside, at_standstill)))
+        slope[k] = load.slope(turning[k])
+    return _Given(*(jnp.stack(each) for each in (torque, outside, at_standstill, slope)))
 
 
 def _on_shaft(drive: Drive) -> Float[np.ndarray, "shafts pulleys"]:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 Scalar = Float[Array, ""]
 State = Float[Array, " size"]
@@ -28,6 +28,22 @@ class Oscillator(NamedTuple):
     stiffness: Matrix
     frequency: Scalar  # w
     force: Callable[[State, State, Scalar], State]  # of z, z' and tau
+    neutral: "Neutral | None" = None
+
+
+class Neutral(NamedTuple):
+    """A translation that changes no force, so that the mean of a motion along it is free.
+
+    The mean of the load on one of its coordinates is unknown instead; `mean_load` reads it from
+    where the motion is found along the translation.
+    """
+
+    direction: State
+    coordinate: Int[Array, ""]
+
+    def mean_load(self, X: Coefficients) -> Scalar:
+        """The mean load beside the force's own, from the coefficients of a motion."""
+        return -(self.direction @ X[0]) / (self.direction @ self.direction)
 
 
 def series(phase: Array, harmonics: int) -> Float[Array, "*phases terms"]:
@@ -74,7 +90,10 @@ def residual(system: Oscillator, X: Coefficients, samples: int) -> Coefficients:
     points = jnp.asarray(of.values @ X), w * (of.rates @ X), jnp.asarray(of.phases)
     force = jax.vmap(system.force)(*points)
     linear = w * (of.turn @ rate) @ system.mass.T + rate @ system.damping.T
-    return linear + X @ system.stiffness.T + of.project @ force
+    whole = linear + X @ system.stiffness.T + of.project @ force
+    if system.neutral is not None:
+        whole = whole.at[0, system.neutral.coordinate].add(-system.neutral.mean_load(X))
+    return whole
 
 
 def jacobian(
@@ -95,4 +114,7 @@ def jacobian(
     outer = jnp.concatenate(constant).reshape(-1, terms**2)
     inner = jnp.concatenate(parts).reshape(-1, size**2)
     whole = (outer.T @ inner).reshape(terms, terms, size, size)
+    if system.neutral is not None:
+        u, row = system.neutral
+        whole = whole.at[0, 0, row].add(u / (u @ u))
     return whole.transpose(0, 2, 1, 3).reshape(terms * size, -1)

@@ -336,6 +336,7 @@ def _conditioning(system: Oscillator, terms: int, factors: _Eliminated) -> Scala
     return 1 / jnp.sqrt(size)
 
 
+_UNDAMPED = 1e-10
 _A = np.array([[1 / 4, 1 / 4 - np.sqrt(3) / 6], [1 / 4 + np.sqrt(3) / 6, 1 / 4]])  # Gauss, 2 stages
 
 
@@ -345,6 +346,7 @@ def after_period(
     """What a period makes of small disturbances of (z, z') of an orbit, one in each column.
 
     By Gauss's implicit method of two stages, whose order is 4 and which neither damps nor excites.
+    Neutral translations, and their rates where nothing damps them, are taken out.
     """
     size, w = X.shape[1], system.frequency
     h = 2 * np.pi / steps / w
@@ -374,10 +376,35 @@ def after_period(
         return jnp.concatenate([position, velocity]) @ product, None
 
     # In reverse only the product is kept from step to step.
-    product, _ = jax.lax.scan(
-        jax.checkpoint(advance), in_lanes_of(X, disturbed), jnp.arange(steps)
-    )
-    return product
+    start = in_lanes_of(X, _without_free_rate(system, disturbed))
+    product, _ = jax.lax.scan(jax.checkpoint(advance), start, jnp.arange(steps))
+    return _without_translation(system, product)
+
+
+def _without_translation(
+    system: Oscillator, states: Float[Array, "states columns"]
+) -> Float[Array, "states columns"]:
+    """States less what they have of the neutral translation, by its own coordinate."""
+    if system.neutral is None:
+        return states
+    u, row = system.neutral
+    return states.at[: len(u)].add(-jnp.outer(u / u[row], states[row]))
+
+
+def _without_free_rate(
+    system: Oscillator, states: Float[Array, "states columns"]
+) -> Float[Array, "states columns"]:
+    """States less what they have of the translation's rate, which stays where nothing damps it.
+
+    The momentum u M z' is then what it was, so that it measures that part.
+    """
+    if system.neutral is None:
+        return states
+    u, size = system.neutral.direction, len(system.mass)
+    momentum = u @ system.mass
+    free = jnp.abs(u @ system.damping @ u) < _UNDAMPED * (momentum @ u) * system.frequency
+    part = jnp.where(free, momentum @ states[size:] / (momentum @ u), 0.0)
+    return states.at[size:].add(-jnp.outer(u, part))
 
 
 def monodromy(system: Oscillator, X: Coefficients, steps: int) -> Float[Array, "states states"]:
@@ -388,7 +415,10 @@ def monodromy(system: Oscillator, X: Coefficients, steps: int) -> Float[Array, "
 def multipliers(
     system: Callable[[Any, Scalar], Oscillator], args: Any, X: Coefficients, steps: int = 200
 ) -> Complex[Array, " states"]:
-    """Floquet multipliers of an orbit, the largest first; their derivatives are NaN."""
+    """Floquet multipliers of an orbit, the largest first; their derivatives are NaN.
+
+    That of a neutral translation is 0 in place of 1; also that of its rate where nothing damps it.
+    """
     fixed, orbit = jax.lax.stop_gradient((args, X))
     found = jnp.linalg.eigvals(monodromy(system(fixed, jnp.ones(())), orbit, steps))
     return found[jnp.argsort(-jnp.abs(found))] + without_derivative(0.0 * jnp.sum(X))

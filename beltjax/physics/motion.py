@@ -9,8 +9,10 @@
 Spans stretch quasi-statically, so that all that is nonlinear in a drive is one number a span: the
 functions have unit slopes, and N is half the sum of their squares and a quadratic form of the
 bodies' coordinates. M, G and K are those of `vibration`; docs/theory/motion.md, (O1) to (O5), and
-(O8) for belts whose speed varies.
+(O9) for belts whose speed varies.
 """
+
+from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -19,12 +21,14 @@ from jaxtyping import Array, Float
 
 from beltjax.numerics.loops import Loops
 from beltjax.numerics.rigid_bodies import Bodies, moved
+from beltjax.physics.accessories import Accessories
 from beltjax.physics.joints import Joints
 from beltjax.physics.vibration import VibrationModel
 
 Scalar = Float[Array, ""]
 Spans = Float[Array, " spans"]
 State = Float[Array, " size"]
+Part = TypeVar("Part", Joints, Accessories)
 
 
 class SpanPaths(eqx.Module):
@@ -68,7 +72,7 @@ class SpanPaths(eqx.Module):
 
 
 class BeltSpeed(eqx.Module):
-    """What the drive's belts do beside (O2) where the speed of the driver varies (O8)."""
+    """What the drive's belts do beside (O2) where the speed of the driver varies (O9)."""
 
     gyroscopic: Float[Array, "size size"]  # G per unit of the driver's speed
     centrifugal: Spans  # lam mu s^2 at unit speed of the driver
@@ -102,6 +106,8 @@ class MotionModel(eqx.Module):
     friction_speed: Float[Array, " coordinates"]
     joints: Joints | None  # those of pulleys that are not springs alone
     speed: BeltSpeed | None  # None: that of the steady state all the time
+    accessories: Accessories | None  # those whose torques depend on speed
+    rigid: State | None  # rotation that strains nothing; None where the driver's is given
     functions: int = eqx.field(static=True)  # of each span
 
     def parts(self, z: State) -> tuple[Float[Array, "spans n"], Float[Array, " coordinates"]]:
@@ -134,13 +140,14 @@ def projected(model: MotionModel, shapes: Float[Array, "spans n fewer"]) -> Moti
     def square(matrix: Float[Array, "size size"]) -> Float[Array, "less less"]:
         return rows(rows(matrix).T).T
 
-    joints = m.joints
-    if joints is not None:
-        joints = eqx.tree_at(lambda j: j.rows, joints, rows(joints.rows.T).T)
     speed = m.speed
     if speed is not None:
         less = square(speed.gyroscopic), square(speed.accelerated), rows(speed.bent[:, None])[:, 0]
         speed = eqx.tree_at(lambda s: (s.gyroscopic, s.accelerated, s.bent), speed, less)
+
+    def fewer_columns(part: Part | None) -> Part | None:
+        return part if part is None else eqx.tree_at(lambda p: p.rows, part, rows(part.rows.T).T)
+
     return MotionModel(
         mass=square(m.mass),
         damping=square(m.damping),
@@ -153,8 +160,10 @@ def projected(model: MotionModel, shapes: Float[Array, "spans n fewer"]) -> Moti
         paths=m.paths,
         friction=m.friction,
         friction_speed=m.friction_speed,
-        joints=joints,
         speed=speed,
+        joints=fewer_columns(m.joints),
+        accessories=fewer_columns(m.accessories),
+        rigid=None if m.rigid is None else rows(m.rigid[:, None])[:, 0],
         functions=fewer,
     )
 
@@ -186,7 +195,7 @@ def stretching(
 ) -> State:
     """The force of the spans' stretch without its part K z, which is linear in z (O2).
 
-    Of the tension that pulls on slopes and bodies `relief` is taken off (O8).
+    Of the tension that pulls on slopes and bodies `relief` is taken off (O9).
     """
     m = model
     N, back = jax.vjp(lambda z: beyond_linear(m, z), z)

@@ -30,7 +30,7 @@ from beltjax.commands.reports.documents import (
     plain,
 )
 from beltjax.commands.reports.report import Report
-from beltjax.commands.reports.response import MODAL_DAMPING, commanded
+from beltjax.commands.reports.response import MODAL_DAMPING, commanded, is_free
 from beltjax.commands.reports.states import Kind, kind_of
 from beltjax.commands.reports.tables import number, plain_table
 from beltjax.commands.reports.units import TableUnits
@@ -95,6 +95,9 @@ class MotionPart(Part):
     """The periodic motion at one speed."""
 
     driver_speed: float = meaning("rad/s")
+    mean_driver_torque: Maybe = meaning(
+        "N m in the direction of travel, of a free driver beside its steady torque; else 0"
+    )
     period: Maybe = meaning("s")
     stable: bool = meaning("whether small disturbances die out")
     multipliers: list[list[float]] = meaning("Floquet's, real and imaginary part, largest first")
@@ -139,6 +142,7 @@ class PeriodicOptions(NamedTuple):
     duty: str | None = None
     branch: str | None = None  # "up" or "down"
     belt_speed: Literal["constant", "varying"] = "constant"
+    driver: str | None = None
 
 
 def periodic_report(
@@ -266,31 +270,46 @@ def _orders(
 ) -> Orders:
     """The command's excitation; the file's where the command names none."""
     single = given.crank is not None or bool(given.torques)
+    free = is_free(point, given.driver)
     if given.orders is not None:
         if single or given.order is not None:
             raise FileError("--orders", "", "stands beside --crank, --torque or --order; give one")
-        text = given.orders
-        cranks = read_option("--orders", lambda: read_excited_orders(text))
-        if not any(cranks.values()):
-            raise FileError("--orders", "", f"found {text!r}; give an amplitude above 0")
-        excitations = {order: Excitation(crank=crank) for order, crank in cranks.items()}
-        return read_option("--orders", lambda: Orders(excitations))
-    if single:
-        crank, torques = commanded(drive, given.crank, given.torques)
-        if not (crank or any(torques.values())):
-            raise FileError("--crank", "", "nothing is excited; give an amplitude above 0")
-        order = _order(point, given)
-        return read_option("--order", lambda: Orders({order: Excitation(crank, torques)}))
+        if free:
+            raise FileError("--orders", "", "turns the driver, which is free; give --torque")
+        return _several(given.orders)
+    if not single:
+        return _orders_of_file(path, point, given)
+    crank, torques = commanded(drive, given.crank, given.torques, free)
+    if not (crank or any(torques.values())):
+        raise FileError("--crank", "", "nothing is excited; give an amplitude above 0")
+    alone = {_order(point, given): Excitation(crank, torques)}
+    return read_option("--order", lambda: Orders(alone, driver="free" if free else "prescribed"))
+
+
+def _several(text: str) -> Orders:
+    """The crank motions of --orders."""
+    cranks = read_option("--orders", lambda: read_excited_orders(text))
+    if not any(cranks.values()):
+        raise FileError("--orders", "", f"found {text!r}; give an amplitude above 0")
+    excitations = {order: Excitation(crank=crank) for order, crank in cranks.items()}
+    return read_option("--orders", lambda: Orders(excitations))
+
+
+def _orders_of_file(
+    path: str | os.PathLike[str], point: OperatingPoint, given: PeriodicOptions
+) -> Orders:
+    """The excitation of [excitation], at the order and with the driver of the command."""
     if point.excitation is None:
         message = "is not excited; give --crank, --orders, --torque NAME=AMPLITUDE or [excitation]"
         raise FileError(path, "", message)
     file = point.excitation
     if given.order is not None:
         if file.orders:
-            raise FileError(
-                "--order", "", "is one, and excitation.orders are several; leave it out"
-            )
+            message = "is one, and excitation.orders are several; leave it out"
+            raise FileError("--order", "", message)
         file = dataclasses.replace(file, order=given.order)
+    if given.driver is not None:
+        file = dataclasses.replace(file, driver=given.driver)
     try:
         return orders_of(file)
     except ValueError as error:
@@ -353,6 +372,7 @@ def _motion(drive: Drive, speed: float, found: PeriodicResponse) -> dict[str, An
     tight = good and bool(np.min(m.tension_min) >= 0)
     return {
         "driver_speed": speed,
+        "mean_driver_torque": plain(found.mean_driver_torque) if good else None,
         "period": plain(found.period),
         "stable": good and bool(found.stable),
         "multipliers": [[complex(one).real, complex(one).imag] for one in floquet],

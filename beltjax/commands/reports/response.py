@@ -97,6 +97,7 @@ class ResponseOptions(NamedTuple):
     speeds: str
     modal_damping: float | None
     duty: str | None = None
+    driver: str | None = None
 
 
 def response_report(
@@ -111,7 +112,8 @@ def response_report(
     Raises `FileError` as `sweep_report` does.
     """
     drive, point, at = vibrating(path, given.duty)
-    excitation = _excitation(path, drive, point, given)
+    free = is_free(point, given.driver)
+    excitation = _excitation(path, drive, point, given, free)
     order = _order(point, given)
     if not 0 < order < np.inf:
         raise FileError("--order", "", f"found {order:g}; give a positive order")
@@ -120,7 +122,8 @@ def response_report(
         raise FileError("--speeds", "", f"found {given.speeds!r}; begin above 0")
     ratio = MODAL_DAMPING if given.modal_damping is None else given.modal_damping
     damping = read_option("--modal-damping", lambda: Damping(modal=ratio))
-    found = _responses(drive, point, speeds, excitation, jnp.asarray(order), damping, advance)
+    shaken = excitation, jnp.asarray(order), damping
+    found = _responses(drive, point, speeds, *shaken, free, advance)
     document = response_document(drive, order, speeds, found)
     document["at"] = at
     document["warnings"] += [*file_warnings(drive), *range_warnings(drive, point, speeds)]
@@ -147,12 +150,16 @@ def _order(point: OperatingPoint, given: ResponseOptions) -> float:
 
 
 def _excitation(
-    path: str | os.PathLike[str], drive: Drive, point: OperatingPoint, given: ResponseOptions
+    path: str | os.PathLike[str],
+    drive: Drive,
+    point: OperatingPoint,
+    given: ResponseOptions,
+    free: bool,
 ) -> Excitation:
     """The command's crank motion and torques; the file's where the command names neither."""
     file = point.excitation
     if given.crank is not None or given.torques:
-        crank, torques = commanded(drive, given.crank, given.torques)
+        crank, torques = commanded(drive, given.crank, given.torques, free)
     elif file is not None:
         crank, torques = file.crank, file.torque
     else:
@@ -168,7 +175,7 @@ def _excitation(
 
 
 def commanded(
-    drive: Drive, crank_text: str | None, torque_texts: Sequence[str]
+    drive: Drive, crank_text: str | None, torque_texts: Sequence[str], free: bool
 ) -> tuple[float, dict[str, float]]:
     """Amplitudes of a command's crank motion [rad] and torques [N m]; raises `FileError`."""
     crank = read_option("--crank", lambda: read_amplitude(crank_text or "0", "rad"))
@@ -180,10 +187,19 @@ def commanded(
         torques[name] = read_option("--torque", lambda size=size: read_amplitude(size, "N m"))
     read_option("--torque", lambda: Excitation(crank, torques).on(drive.pulley_names))
     driver = drive.pulley_names[int(np.argmax(drive.drives))]
-    if driver in torques:
-        message = f"the motion of the driver {driver!r} is given; use --crank"
+    if driver in torques and not free:
+        message = f"the motion of the driver {driver!r} is given; use --crank or --driver free"
         raise FileError("--torque", "", message)
+    if crank and free:
+        message = f"the driver is free; use --torque {driver}=AMPLITUDE or --driver prescribed"
+        raise FileError("--crank", "", message)
     return crank, torques
+
+
+def is_free(point: OperatingPoint, option: str | None) -> bool:
+    """Whether the driver turns by its torque: as the option --driver says, else as the file."""
+    file = point.excitation
+    return (option or (file.driver if file is not None else "")) == "free"
 
 
 def _responses(
@@ -193,6 +209,7 @@ def _responses(
     excitation: Excitation,
     order: Array,
     damping: Damping,
+    free: bool,
     advance: Advance,
 ) -> Response:
     """Chunk by chunk, so that progress shows."""
@@ -202,7 +219,9 @@ def _responses(
     numbers = canonical(drive, point)
 
     def run(chunk: np.ndarray) -> Response:
-        return quickly_compiled(_response)(*numbers, jnp.asarray(chunk), shaken, order, damping)
+        return quickly_compiled(_response)(
+            *numbers, jnp.asarray(chunk), shaken, order, damping, free
+        )
 
     return in_chunks(run, speeds, CHUNK, functools.partial(advance, "forcing"))
 
@@ -214,9 +233,10 @@ def _response(
     excitation: Excitation,
     order: Any,
     damping: Damping,
+    free: bool,
 ) -> Response:
     return speed_response(
-        drive, point, speeds, excitation, order=order, damping=damping, throw=False
+        drive, point, speeds, excitation, order=order, damping=damping, free=free, throw=False
     )
 
 

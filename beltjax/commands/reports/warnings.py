@@ -160,8 +160,28 @@ def sweep_warnings(drive: Drive, point: OperatingPoint, found: Sweep) -> Warning
 
 
 def range_warnings(drive: Drive, point: OperatingPoint, speeds: np.ndarray) -> Warnings:
-    """`load_warnings` over a range of the driver's speed [rad/s]."""
-    return load_warnings(*_ends(drive, point, "operation.driver_speed", speeds))
+    """What loads do to vibration over a range of the driver's speed [rad/s]."""
+    if not point.load:
+        return []
+    ends = _ends(drive, point, "operation.driver_speed", speeds)
+    return [*load_warnings(*ends), *_exciting_loads(*ends)]
+
+
+def _exciting_loads(*runs: tuple[Drive, OperatingPoint]) -> Warnings:
+    """Warn of loads whose torque falls with speed."""
+    found: dict[str, float] = {}
+    for drive, point in runs:
+        slopes = transmission(drive, point).slopes
+        for name in point.load:
+            found[name] = min(found.get(name, 0.0), float(slopes[drive.pulley(name)]))
+    parts = [f"{name} ({slope:.2g} N m s/rad)" for name, slope in found.items() if slope < 0]
+    if not parts:
+        return []
+    text = (
+        f"a load takes less torque at a higher speed, which excites rotation: {', '.join(parts)}; "
+        "it is counted"
+    )
+    return [{"code": "load_excites", "text": text}]
 
 
 def _ends(
