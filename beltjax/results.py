@@ -76,6 +76,8 @@ if TYPE_CHECKING:
         span_slack_in_motion: "RESULTS"
         slope_too_large: "RESULTS"
         belt_slips_in_motion: "RESULTS"
+        too_many_steps: "RESULTS"
+        motion_not_finite: "RESULTS"
         frequencies_not_isolated: "RESULTS"
         belt_too_stiff: "RESULTS"
         contact_pressure_lost: "RESULTS"
@@ -234,6 +236,14 @@ else:
             "The tensions beside a pulley differ by more than its friction holds during the "
             "motion, and slip is not in the model. `friction_use` shows which pulley; lower the "
             "excitation or raise the tension."
+        )
+        too_many_steps = (
+            "The motion took more steps in time than allowed. Shorten it, raise max_steps, use "
+            'fewer functions, or method="implicit" for friction with a small friction_speed.'
+        )
+        motion_not_finite = (
+            "The motion grew beyond all numbers: its excitation, a rate of its speed or a number "
+            "of the drive is far out of the ordinary. Lower the excitation, or add damping."
         )
         frequencies_not_isolated = (
             "The exact frequencies could not be told apart. Use a finer basis for the first "

@@ -14,7 +14,9 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from beltjax.analysis.linearization import Linearization
+from beltjax.compiling.quick import usual_promotion
 from beltjax.drive.readable import Readable
+from beltjax.drive.system import Drive
 from beltjax.numerics.harmonic_balance import Coefficients, derived, series
 from beltjax.numerics.roots import solve_dense
 from beltjax.physics.motion import MotionModel, dry_friction, strains
@@ -160,6 +162,50 @@ class Signals(eqx.Module):
         return jnp.where(both, jnp.abs(logarithm - loops.preceding(logarithm)), _MOST)
 
 
+class OverTime(eqx.Module):
+    """A motion that is asked for at times."""
+
+    linearization: eqx.AbstractVar[Linearization]
+    signals: eqx.AbstractVar[Signals]
+
+    @abc.abstractmethod
+    def _variable(self, times: Float[Array, " times"]) -> Float[Array, " times"]:
+        """The motion's own variable at times [s]."""
+
+    @usual_promotion
+    def at(self, t: Array | np.ndarray | float) -> Float[Array, "*times size"]:
+        """Deviation from the steady state at times [s], in the linearization's coordinates."""
+        return self._over(lambda at: self.signals.state(at)[0], t)
+
+    @usual_promotion
+    def rotations(self, t: Array | np.ndarray | float) -> Float[Array, "*times pulleys"]:
+        """Rotations of the hubs beyond their mean speed at times [s], in [rad]."""
+        return self._over(lambda at: self.linearization.of_pulleys(self.signals.rotors(at)), t)
+
+    @usual_promotion
+    def tensioner_motions(self, t: Array | np.ndarray | float) -> Float[Array, "*times tensioners"]:
+        """Motions of the tensioners from the steady state at times [s], in [rad] or [m]."""
+        return self._over(self.signals.motions, t)
+
+    @usual_promotion
+    def tensions(self, t: Array | np.ndarray | float) -> Float[Array, "*times spans"]:
+        """Tensions of the spans at times [s], in [N]."""
+        running = self.linearization.steady.running_tensions
+        return running + self._over(self.signals.gains, t)
+
+    @usual_promotion
+    def hub_loads(self, t: Array | np.ndarray | float) -> Float[Array, "*times pulleys"]:
+        """Load on each hub at times [s], of the vector sum of the effective tensions, in [N]."""
+        return self._over(self.signals.hub_loads, t)
+
+    def _over(
+        self, function: Callable[[Float[Array, ""]], Array], t: Array | np.ndarray | float
+    ) -> Float[Array, "*times items"]:
+        times = jnp.asarray(t, float)
+        found = jax.vmap(function)(self._variable(times.ravel()))
+        return found.reshape(*times.shape, *found.shape[1:])
+
+
 def measures(signals: Signals, grid: Grid) -> Measures:
     """Extremes of the motion, which are refined from those on a grid of its variable."""
     lin = signals.linearization
@@ -282,3 +328,11 @@ def _deflections(
         return sign * at(signals, point), steepest
 
     return jax.vmap(of_span)(jnp.arange(lin.spans))
+
+
+def friction_use(drive: Drive, lin: Linearization, found: Measures) -> Float[Array, " pulleys"]:
+    """Largest |ln(Q_out/Q_in)| over friction times wrap; 0 where there is no friction."""
+    none = jnp.zeros(())
+    friction = jnp.stack([none if p.friction is None else p.friction for p in drive.pulleys])
+    hold = friction * lin.steady.reference.layout.wraps
+    return jnp.where(hold > 0, found.slip_exponent_max / jnp.where(hold > 0, hold, 1.0), 0.0)

@@ -1,41 +1,46 @@
 """Periodic vibration of finite amplitude: harmonic balance, stability, and its derivatives."""
 
-from collections.abc import Callable, Sequence
 from typing import Literal, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from beltjax.analysis.damping import Damping
-from beltjax.analysis.linearization import Linearization, linearize
+from beltjax.analysis.linearization import Linearization
 from beltjax.analysis.motion import (
     Excited,
-    accessories_of,
-    belt_speeds,
     driver_speed,
-    joints_of,
-    layered_shapes,
     load_series,
-    motion_model,
     narrowed,
     oscillator,
-    span_paths,
     widened,
 )
-from beltjax.analysis.orbit_measures import Measures, PeriodicMotion, Signals, measures
+from beltjax.analysis.moving import (
+    ModelAsked,
+    any_of,
+    has_clutches,
+    has_curved_paths,
+    moving,
+    require_functions,
+)
+from beltjax.analysis.orbit_measures import (
+    Measures,
+    OverTime,
+    PeriodicMotion,
+    Signals,
+    friction_use,
+    measures,
+)
 from beltjax.analysis.orders import Forcing, Orders, given_forcing
-from beltjax.analysis.steady import steady_state
-from beltjax.compiling.quick import boundary_jit, usual_promotion
+from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.canonical import canonical, strongly_typed
-from beltjax.drive.components import as_real, concrete
+from beltjax.drive.components import as_real
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
-from beltjax.numerics.bases import AbstractBasis, Legendre
+from beltjax.numerics.bases import AbstractBasis
 from beltjax.numerics.periodic import Orbit, largest_multiplier, multipliers, periodic_orbit
-from beltjax.physics.motion import MotionModel, projected
+from beltjax.physics.motion import MotionModel
 from beltjax.results import (
     RESULTS,
     first_failure,
@@ -44,13 +49,12 @@ from beltjax.results import (
     succeeded,
 )
 
-_FINE = 32  # Legendre functions from which the layered ones are combined
 STEEPEST = 0.2  # slope above which small slopes are no good approximation
 _PER_HARMONIC = 8  # samples
 BELT_SPEEDS = "constant", "varying"
 
 
-class PeriodicResponse(eqx.Module):
+class PeriodicResponse(OverTime):
     """A periodic motion of a drive about its steady state, found by harmonic balance."""
 
     # Fourier coefficients of the deviation in the linearization's coordinates: the mean, then the
@@ -87,35 +91,8 @@ class PeriodicResponse(eqx.Module):
         """Whether a small disturbance dies out."""
         return jnp.abs(self.multipliers[0]) < 1
 
-    @usual_promotion
-    def at(self, t: Array | np.ndarray | float) -> Float[Array, "*times size"]:
-        """Deviation from the steady state at times [s], in the linearization's coordinates."""
-        return self._over(lambda phase: self.signals.state(phase)[0], t)
-
-    @usual_promotion
-    def rotations(self, t: Array | np.ndarray | float) -> Float[Array, "*times pulleys"]:
-        """Rotations of the hubs beyond their mean speed at times [s], in [rad]."""
-        return self._over(
-            lambda phase: self.linearization.of_pulleys(self.signals.rotors(phase)), t
-        )
-
-    @usual_promotion
-    def tensioner_motions(self, t: Array | np.ndarray | float) -> Float[Array, "*times tensioners"]:
-        """Motions of the tensioners from the steady state at times [s], in [rad] or [m]."""
-        return self._over(self.signals.motions, t)
-
-    @usual_promotion
-    def tensions(self, t: Array | np.ndarray | float) -> Float[Array, "*times spans"]:
-        """Tensions of the spans at times [s], in [N]."""
-        running = self.linearization.steady.running_tensions
-        return running + self._over(self.signals.gains, t)
-
-    def _over(
-        self, function: Callable[[Float[Array, ""]], Array], t: Array | np.ndarray | float
-    ) -> Float[Array, "*times items"]:
-        times = jnp.asarray(t, float)
-        found = jax.vmap(function)(self.frequency * times.ravel())
-        return found.reshape(*times.shape, *found.shape[1:])
+    def _variable(self, times: Float[Array, " times"]) -> Float[Array, " times"]:
+        return self.frequency * times
 
 
 def periodic_response(
@@ -191,19 +168,12 @@ class Resolution(NamedTuple):
     basis: AbstractBasis | None
 
 
-class MotionAsked(eqx.Module):
+class MotionAsked(ModelAsked):
     """What a motion is asked for, beside the drive; the harmonics are those of the forcing."""
 
     forcing: Forcing
     base: Float[Array, ""]  # order of the period
-    damping: Damping
-    basis: AbstractBasis | None
     samples: int = eqx.field(static=True)
-    functions: int = eqx.field(static=True)
-    curved: bool = eqx.field(static=True)  # bodies may move on exact paths
-    loose: bool = eqx.field(static=True)  # joints may be clutches
-    varying: bool = eqx.field(static=True)  # the belts' speed follows the driver's rotation
-    free: bool = eqx.field(static=True)  # the driver turns by its torque
 
 
 def asked_of(
@@ -216,8 +186,8 @@ def asked_of(
 ) -> MotionAsked:
     """The question of `periodic_response` for compiled code; raises `ValueError` as that does."""
     frictions = [body.friction_torque for body in drive.tensioners]
-    loose = _any_of([part.law for part in drive.isolators])
-    per_harmonic = _PER_HARMONIC * (2 if loose or _any_of(frictions) else 1)
+    loose = has_clutches(drive)
+    per_harmonic = _PER_HARMONIC * (2 if loose or any_of(frictions) else 1)
     samples = per_harmonic * how.harmonics if how.samples is None else how.samples
     _require_resolution(how.harmonics, samples, how.functions)
     if belt_speed not in BELT_SPEEDS:
@@ -238,7 +208,7 @@ def asked_of(
         basis=how.basis,
         samples=samples,
         functions=how.functions,
-        curved=bool(drive.tensioners) and _any_of([drive.model.arm_curvature]),
+        curved=has_curved_paths(drive),
         loose=loose,
         varying=varying,
         free=free,
@@ -265,11 +235,6 @@ def _driver(point: OperatingPoint, orders: Orders | None) -> str:
     return point.excitation.driver
 
 
-def _any_of(flags: Sequence[Array]) -> bool:
-    """Whether one of the numbers may be other than 0: all that are traced may be."""
-    return any((value := concrete(flag)) is None or bool(value.any()) for flag in flags)
-
-
 def _require_resolution(harmonics: int, samples: int, functions: int) -> None:
     if harmonics < 1:
         raise ValueError(f"harmonics: found {harmonics}; give at least 1.")
@@ -278,8 +243,7 @@ def _require_resolution(harmonics: int, samples: int, functions: int) -> None:
         raise ValueError(
             f"samples: found {samples}; give at least {least} for {harmonics} harmonics."
         )
-    if not 0 <= functions <= _FINE:
-        raise ValueError(f"functions: found {functions}; give 0 to {_FINE}, or a basis.")
+    require_functions(functions)
 
 
 class Prepared(NamedTuple):
@@ -298,29 +262,20 @@ class Prepared(NamedTuple):
 
 def prepared(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> Prepared:
     """The equations of a drive's motion at an operating point."""
-    steady = steady_state(drive, point, throw=False)
-    basis = Legendre(_FINE) if asked.basis is None else asked.basis
-    lin = linearize(steady, basis, free=asked.free, throw=False)
-    turning = driver_speed(drive, point)
+    made = moving(drive, point, asked)
+    lin, turning = made.linearization, driver_speed(drive, point)
     frequency = asked.base * turning
-    paths = span_paths(drive, steady) if asked.curved else None
-    joints = joints_of(drive, lin, asked.damping) if asked.loose else None
-    speed = belt_speeds(drive, point, lin) if asked.varying else None
-    accessories = accessories_of(drive, point, lin) if point.load else None
-    whole = motion_model(lin, asked.damping, paths, joints, speed, accessories)
     w = frequency * lin.scales.time
     driver, load = load_series(lin, asked.forcing, w, asked.damping)
-    if asked.basis is None:
-        shapes = layered_shapes(lin, asked.functions)
-    else:
-        shapes = jnp.broadcast_to(jnp.eye(basis.size), (lin.spans, basis.size, basis.size))
-    excited = Excited(projected(whole, shapes), w, driver, narrowed(shapes, load))
+    excited = Excited(made.model, w, driver, narrowed(made.shapes, load))
     result = first_failure(
         (~succeeded(lin.result), lin.result),
         (~jnp.all(jnp.isfinite(load)), RESULTS.numbers_unusable),
     )
     excited = frozen_where_failed(excited, result)
-    return Prepared(drive, lin, whole, shapes, excited, frequency, turning, asked.samples, result)
+    return Prepared(
+        drive, lin, made.whole, made.shapes, excited, frequency, turning, asked.samples, result
+    )
 
 
 @boundary_jit
@@ -346,7 +301,7 @@ def described(made: Prepared, orbit: Orbit) -> PeriodicResponse:
     motion = PeriodicMotion(coefficients, driver, w, made.speed * lin.scales.time)
     signals = Signals(lin, made.model, motion)
     found = measures(signals, motion.grid(made.samples))
-    use = _friction_use(made.drive, lin, found)
+    use = friction_use(made.drive, lin, found)
     floquet = multipliers(oscillator, made.excited, orbit.coefficients)
     size = jnp.linalg.norm(orbit.coefficients)
     result = first_failure(
@@ -406,11 +361,3 @@ def _stability_margin(response: PeriodicResponse) -> Float[Array, ""]:
     orbit = narrowed(of.shapes, of.coefficients)
     margin = 1 - largest_multiplier(oscillator, of.excited, orbit)
     return frozen_where_failed(margin, of.result)
-
-
-def _friction_use(drive: Drive, lin: Linearization, found: Measures) -> Float[Array, " pulleys"]:
-    """Largest |ln(Q_out/Q_in)| over friction times wrap; 0 where there is no friction."""
-    none = jnp.zeros(())
-    friction = jnp.stack([none if p.friction is None else p.friction for p in drive.pulleys])
-    hold = friction * lin.steady.reference.layout.wraps
-    return jnp.where(hold > 0, found.slip_exponent_max / jnp.where(hold > 0, hold, 1.0), 0.0)

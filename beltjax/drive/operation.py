@@ -69,8 +69,15 @@ class ExcitationGiven(Readable):
         metadata=number("N m", "by pulley's name, in the direction of belt travel", at_least=0),
     )
     orders: tuple[OrderGiven, ...] = eqx.field(converter=tuple, default=())
+    # Knots of the driver's mean speed in a transient, [s] and [rad/s].
+    profile: Float[Array, "knots 2"] | None = eqx.field(converter=as_optional, default=None)
     # "prescribed": its rotation is given; "free": it turns by its torque.
     driver: str = eqx.field(static=True, converter=as_driver, default="prescribed")
+
+    @property
+    def excites(self) -> bool:
+        """Whether there is more than a profile."""
+        return self.crank is not None or bool(self.torque) or bool(self.orders)
 
 
 class OperatingPoint(Readable):

@@ -1,0 +1,89 @@
+"""A drive that is ready to be moved at finite amplitude: its model, in a few functions a span."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from beltjax.analysis.damping import Damping
+from beltjax.analysis.linearization import Linearization, linearize
+from beltjax.analysis.motion import (
+    accessories_of,
+    belt_speeds,
+    joints_of,
+    layered_shapes,
+    motion_model,
+    span_paths,
+)
+from beltjax.analysis.steady import steady_state
+from beltjax.drive.components import concrete
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
+from beltjax.numerics.bases import AbstractBasis, Legendre
+from beltjax.physics.motion import MotionModel, projected
+
+FINE = 32  # Legendre functions from which the layered ones are combined
+
+
+class ModelAsked(eqx.Module):
+    """What a motion counts."""
+
+    damping: Damping
+    basis: AbstractBasis | None
+    functions: int = eqx.field(static=True)
+    curved: bool = eqx.field(static=True)  # bodies may move on exact paths
+    loose: bool = eqx.field(static=True)  # joints may be clutches
+    varying: bool = eqx.field(static=True)  # the belts' speed follows the driver's rotation
+    free: bool = eqx.field(static=True)  # the driver turns by its torque
+
+
+class Moving(NamedTuple):
+    """A drive at an operating point, in motion."""
+
+    linearization: Linearization
+    whole: MotionModel  # in the linearization's coordinates
+    shapes: Float[Array, "spans n functions"]  # of the functions that are counted
+    model: MotionModel  # in those
+
+
+def moving(drive: Drive, point: OperatingPoint, asked: ModelAsked) -> Moving:
+    """The equations of a drive's motion about its steady state."""
+    steady = steady_state(drive, point, throw=False)
+    basis = Legendre(FINE) if asked.basis is None else asked.basis
+    lin = linearize(steady, basis, free=asked.free, throw=False)
+    whole = motion_model(
+        lin,
+        asked.damping,
+        span_paths(drive, steady) if asked.curved else None,
+        joints_of(drive, lin, asked.damping) if asked.loose else None,
+        belt_speeds(drive, point, lin) if asked.varying else None,
+        accessories_of(drive, point, lin) if point.load else None,
+    )
+    if asked.basis is None:
+        shapes = layered_shapes(lin, asked.functions)
+    else:
+        shapes = jnp.broadcast_to(jnp.eye(basis.size), (lin.spans, basis.size, basis.size))
+    return Moving(lin, whole, shapes, projected(whole, shapes))
+
+
+def has_clutches(drive: Drive) -> bool:
+    """Whether an isolator may be a clutch."""
+    return any_of([part.law for part in drive.isolators])
+
+
+def has_curved_paths(drive: Drive) -> bool:
+    """Whether the curvature of tensioners' paths may be counted."""
+    return bool(drive.tensioners) and any_of([drive.model.arm_curvature])
+
+
+def any_of(flags: Sequence[Array]) -> bool:
+    """Whether one of the numbers may be other than 0: all that are traced may be."""
+    return any((value := concrete(flag)) is None or bool(value.any()) for flag in flags)
+
+
+def require_functions(functions: int) -> None:
+    """Raise `ValueError` for a number of functions that there is not."""
+    if not 0 <= functions <= FINE:
+        raise ValueError(f"functions: found {functions}; give 0 to {FINE}, or a basis.")

@@ -1,0 +1,282 @@
+"""Transients against balances, other speeds' steady states, the linear response and derivatives."""
+
+import importlib.util
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from drives import example
+
+import beltjax as bj
+from beltjax.compiling.quick import quickly_compiled
+from beltjax.physics import motion
+
+RPM = 2 * np.pi / 60
+MODAL = bj.Damping(modal=0.02)
+NONE = bj.Damping(arm=False)
+THREE = example("three_pulley")  # read outside of what JAX traces
+TIMES = 1024
+
+
+def crank(degrees, order=2):
+    return bj.Orders({order: bj.Excitation(crank=np.deg2rad(degrees))})
+
+
+def moved(profile, *, drive=None, times=TIMES, **options):
+    """The three-pulley drive under a profile in rpm; three knots share one program."""
+    knots = np.array(profile, float) * [1, RPM]
+    options = {"damping": MODAL, "functions": 8} | options
+    saves = np.linspace(knots[0, 0], knots[-1, 0], times + 1)
+    given, point = THREE
+    return bj.transient(
+        given if drive is None else drive, point, profile=knots, saves=saves, **options
+    )
+
+
+def test_energy_of_an_undamped_drive_is_kept():
+    rest = moved([(0, 2000), (0.1, 2000), (0.2, 2000)], damping=NONE)
+    lin = rest.linearization
+    size = len(lin.mass)
+    z = jnp.zeros(size).at[jnp.array([0, 32, size - 1])].set(jnp.array([0.1, 0.15, 0.06]))
+    options = {"initial": (z, 0 * z), "rtol": 1e-10, "atol": 1e-12}
+    found = moved([(0, 2000), (0.1, 2000), (0.2, 2000)], damping=NONE, **options)
+    whole, signals = found.signals.model, found.signals
+
+    def energy(at):
+        return motion.energy(whole, signals.state(at)[0], signals.motion.rate(at))
+
+    energies = jax.vmap(energy)(signals.motion.times)
+    np.testing.assert_allclose(energies, energies[0], rtol=1e-8)
+    # Far from linear, and in motion.
+    assert abs(float(z @ lin.stiffness @ z) / 2 / float(energies[0]) - 1) > 0.03
+    assert np.ptp(found.tensions(found.times)[:, 0]) > 200
+
+
+def test_a_periodic_motion_goes_on():
+    # Harmonic balance and steps in time, both with belts that follow the crank.
+    drive, point = THREE
+    at = bj.OperatingPoint(driver_speed=2000 * RPM, torque=point.torque)
+    orbit = bj.periodic_response(
+        drive, at, crank(0.1), harmonics=12, functions=8, damping=MODAL, belt_speed="varying"
+    )
+    end = 10 * float(orbit.period)
+    found = moved(
+        [(0, 2000), (end / 2, 2000), (end, 2000)], orders=crank(0.1), initial=orbit, rtol=1e-9,
+        atol=1e-11,
+    )  # fmt: skip
+    expected = np.asarray(orbit.at(found.times))
+    np.testing.assert_allclose(found.at(found.times), expected, atol=2e-6 * np.abs(expected).max())
+    for name in ("tension_min", "tension_max", "travels", "span_peaks", "hub_load_max"):
+        ours, theirs = (np.asarray(getattr(one.measures, name)) for one in (found, orbit))
+        # Peaks of a deflection are looked for from a grid in space, too.
+        near = 1e-4 if name == "span_peaks" else 1e-6
+        np.testing.assert_allclose(ours, theirs, rtol=near)
+
+
+@pytest.mark.slow
+def test_a_signal_of_the_crank_is_the_same_as_its_order():
+    by_order = moved([(0, 2000), (0.1, 2600)], orders=crank(0.1))
+    times = np.linspace(0, 0.1, 600)
+    psi = RPM * (2000 * times + 3000 * times**2)
+    theta = np.deg2rad(0.1) * np.cos(2 * psi)
+    options = {"rtol": 1e-7, "atol": 1e-9}
+    expected = np.asarray(by_order.tensioner_motions(by_order.times))
+    signals = (
+        bj.CrankSignal(times, angles=theta),
+        bj.CrankSignal(
+            times, speeds=RPM * (2000 + 6000 * times) * (1 - np.deg2rad(0.2) * np.sin(2 * psi))
+        ),
+    )
+    by_angle, by_speed = (
+        moved([(0, 2000), (0.1, 2600)], crank=signal, **options) for signal in signals
+    )
+    reach = np.abs(expected).max()
+    found = by_angle.tensioner_motions(by_angle.times)
+    np.testing.assert_allclose(found, expected, atol=2e-5 * reach)
+    # A speed leaves open where the rotation begins: the drive turns with it.
+    found = by_speed.tensioner_motions(by_speed.times)
+    np.testing.assert_allclose(found, expected, atol=2e-5 * reach)
+    turned = np.asarray(by_order.rotations(by_order.times))
+    ratios = float(THREE[0].pulleys[0].radius) / np.asarray(THREE[0].radii)
+    found = by_speed.rotations(by_speed.times) + np.deg2rad(0.1) * ratios
+    np.testing.assert_allclose(found, turned, atol=2e-5 * np.abs(turned).max())
+
+
+def test_run_up_loads_the_belt_by_inertia_and_ends_in_the_steady_state():
+    drive, point = THREE
+    found = moved([(0, 1000), (1.0, 3000), (1.5, 3000)], damping=bj.Damping(modal=0.3))
+    reference, ramp = found.linearization.steady, slice(TIMES // 3, TIMES // 2)
+    mean = np.asarray(found.tensions(found.times))[ramp].mean(axis=0)
+    gained = (mean - reference.running_tensions) - np.roll(mean - reference.running_tensions, 1)
+    # The belt turns every pulley faster by the difference of the tensions beside it.
+    rise = 2000 * RPM * float(drive.pulleys[0].radius)
+    for k in (1, 2):
+        pulley = drive.pulleys[k]
+        expected = float(pulley.inertia) * rise / float(pulley.radius) ** 2
+        # Its slow drift against the driver is damped, too.
+        assert gained[k] == pytest.approx(expected, rel=0.01)
+    there = bj.steady_state(drive, bj.OperatingPoint(driver_speed=3000 * RPM, torque=point.torque))
+    turned = reference.coordinate_change + found.tensioner_motions(1.5)
+    assert turned[0] == pytest.approx(float(there.coordinate_change[0]), rel=1e-4)
+    np.testing.assert_allclose(found.tensions(1.5), there.running_tensions, rtol=1e-6)
+
+
+def test_coast_down_ends_at_rest():
+    drive, point = THREE
+    found = moved([(0, 3000), (0.5, 0), (1.0, 0)], damping=bj.Damping(modal=0.3))
+    rest = bj.steady_state(drive, bj.OperatingPoint(belt_speed=0.0, torque=point.torque))
+    steady = found.linearization.steady
+    turned = steady.coordinate_change + found.tensioner_motions(1.0)
+    assert turned[0] == pytest.approx(float(rest.coordinate_change[0]), abs=1e-6)
+    np.testing.assert_allclose(found.tensions(1.0), rest.running_tensions, rtol=1e-4)
+    assert float(found.driver_speeds[-1]) == 0
+    np.testing.assert_allclose(found.signals.motion.rate(found._variable(1.0)), 0, atol=1e-4)
+
+
+def test_a_slow_run_up_meets_the_resonance_of_the_linear_drive():
+    # A crank so small that the drive is linear: its part is the difference of two motions.
+    drive, point = THREE
+    speeds = np.linspace(2300, 2450, 61) * RPM
+    small = crank(1e-3)
+    linear = bj.speed_response(drive, point, speeds, small.excitations[2.0], damping=MODAL)
+    amplitude = np.abs(np.asarray(linear.tensioner_motions[:, 0]))
+    profile = [(0, 2300), (0.5, 2375), (1.0, 2450)]
+    shaken, still = moved(profile, orders=small), moved(profile)
+    part = np.asarray(shaken.tensioner_motions(shaken.times) - still.tensioner_motions(still.times))
+    half = TIMES // 2  # after what began with the crank
+    peak = half + np.argmax(np.abs(part[half:, 0]))
+    assert np.abs(part[peak, 0]) == pytest.approx(amplitude.max(), rel=0.05)
+    # A drive that passes a resonance answers with a delay of 1/(damping ratio * frequency).
+    late = float(shaken.driver_speeds[peak]) / RPM - speeds[np.argmax(amplitude)] / RPM
+    assert 0 < late < 40
+
+
+def numbers_of(drive):
+    return [drive.tensioner.stiffness, drive.pulleys[2].inertia, drive.belt.axial_stiffness]
+
+
+def answers(values, derivatives="reverse"):
+    """Least tension, and the arm at the end of a short run-up with a crank."""
+    drive = eqx.tree_at(numbers_of, THREE[0], list(values))
+    found = moved(
+        [(0, 2000), (0.02, 2300)], drive=drive, orders=crank(0.3), functions=2, times=64,
+        derivatives=derivatives, max_steps=2000, throw=False, rtol=1e-9, atol=1e-11,
+    )  # fmt: skip
+    return jnp.stack([jnp.min(found.measures.tension_min), found.tensioner_motions(0.02)[0]])
+
+
+@pytest.mark.slow
+def test_derivatives_three_ways():
+    values = jnp.stack(numbers_of(THREE[0]))
+    reverse = np.asarray(quickly_compiled(jax.jacrev(answers))(values))
+    forward = quickly_compiled(jax.jacfwd(lambda v: answers(v, "forward")))(values)
+    np.testing.assert_allclose(reverse, forward, rtol=1e-7)
+    by = eqx.filter_jit(answers)
+    for k, value in enumerate(values):
+        unit = jnp.zeros(len(values)).at[k].set(1e-4 * value)
+        near, far = (by(values + m * unit) - by(values - m * unit) for m in (1, 2))
+        np.testing.assert_allclose(reverse[:, k], (8 * near - far) / (12e-4 * value), rtol=1e-5)
+
+
+def test_questions_that_have_no_answer():
+    drive, point = THREE
+    start = [(0, 100), (1, 200)]
+    for options, message in (
+        ({}, "duration: found none, and no profile"),
+        ({"profile": [(0, 100), (0, 200)]}, "times must be finite and increase"),
+        ({"profile": [(0, 100), (1, -2)]}, "speeds must be finite and not negative"),
+        ({"profile": [1.0, 2.0]}, r"profile: found shape \(2,\)"),
+        ({"profile": start, "duration": 0.5}, "duration: is shorter than the profile"),
+        ({"profile": start, "saves": [0.5, 1.0]}, "saves: begin at 0.5 s, and the motion at 0 s"),
+        ({"profile": start, "method": "euler"}, "method: found 'euler'; give explicit or implicit"),
+        ({"profile": start, "functions": 40}, "functions: found 40"),
+        (
+            {"profile": start, "crank": bj.CrankSignal([0, 0.1, 0.2, 0.3], angles=[0, 1, 0, 1])},
+            "crank: lasts from 0 to 0.3 s, the motion from 0 to 1 s",
+        ),
+        ({"profile": start, "orders": bj.Orders({2: bj.Excitation()}, driver="free")}, "free"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            bj.transient(drive, point, **options)
+    for arguments, message in (
+        ({"times": [0, 1, 2], "angles": [0, 1, 2]}, "at least 4"),
+        ({"times": [0, 1, 2, 3]}, "either angles or speeds"),
+        ({"times": [0, 1, 1, 3], "angles": [0, 1, 2, 3]}, "must increase"),
+        ({"times": [0, 1, 2, 3], "speeds": [0, 1, 2]}, "speeds: found shape"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            bj.CrankSignal(**arguments)
+
+
+def test_diffrax_is_asked_for_in_one_line(monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(
+        ValueError, match=r"diffrax is not installed: pip install 'beltjax\[time\]'"
+    ):
+        moved([(0, 1000), (1, 2000)])
+
+
+def test_too_many_steps_are_a_result():
+    options = {"max_steps": 300, "throw": False}
+    found = moved([(0, 2000), (0.1, 2100), (0.2, 2000)], **options)
+    assert found.result == bj.RESULTS.too_many_steps
+    assert not np.any(found.at(0.1))
+    with pytest.raises(bj.AnalysisError, match="raise max_steps"):
+        moved([(0, 2000), (0.1, 2100), (0.2, 2000)], max_steps=300)
+
+
+@pytest.mark.slow
+def test_a_bad_lane_disturbs_none():
+    def least(stiffness):
+        drive = eqx.tree_at(lambda d: d.tensioner.stiffness, THREE[0], stiffness)
+        found = moved(
+            [(0, 2000), (0.02, 2300)], drive=drive, orders=crank(0.3), functions=2, times=64,
+            max_steps=2000, throw=False,
+        )  # fmt: skip
+        return jnp.min(found.measures.tension_min), found.result
+
+    good = float(THREE[0].tensioner.stiffness)
+    lanes = jnp.array([good, jnp.nan, 1.1 * good])
+    values, results = quickly_compiled(jax.vmap(least))(lanes)
+    alone = quickly_compiled(least)
+    assert bool((results == bj.RESULTS.successful)[0])
+    assert not bool((results == bj.RESULTS.successful)[1])
+    for k in (0, 2):
+        assert values[k] == pytest.approx(float(alone(lanes[k])[0]), rel=1e-9)
+
+
+@pytest.mark.slow
+def test_implicit_steps_give_the_same_motion():
+    profile, options = [(0, 2000), (0.02, 2300)], {"functions": 2, "times": 64}
+    one, other = (
+        moved(profile, orders=crank(0.3), method=method, rtol=1e-8, atol=1e-10, **options)
+        for method in ("explicit", "implicit")
+    )
+    expected = np.asarray(one.tensions(one.times))
+    np.testing.assert_allclose(other.tensions(other.times), expected, rtol=1e-6)
+
+
+def test_parts_with_progress_are_the_whole():
+    calls = []
+    profile = [(0, 2000), (0.1, 2100), (0.2, 2000)]
+    found = moved(profile, orders=crank(0.1), advance=lambda *call: calls.append(call))
+    whole = moved(profile, orders=crank(0.1))
+    np.testing.assert_allclose(found.tensions(0.2), whole.tensions(0.2), rtol=1e-5)
+    assert calls[0] == ("moving", 0, 16)
+    assert calls[-1] == ("moving", 16, 16)
+
+
+def test_named_axes_and_times_above_a_limit():
+    drive, _ = THREE
+    found = moved([(0, 2000), (0.1, 2100), (0.2, 2000)], orders=crank(0.1))
+    data = found.to_xarray(drive)
+    assert data["tension"].dims == ("time", "span")
+    assert data["tension"].units == "N"
+    assert list(data["pulley"].values) == list(drive.pulley_names)
+    np.testing.assert_allclose(data["tensioner_motion"], found.tensioner_motions(found.times))
+    tensions = found.tensions(found.times)
+    limit = float(np.median(tensions[:, 0]))
+    assert found.time_above(tensions, limit)[0] == pytest.approx(0.1, rel=0.01)
+    assert found.time_above(tensions[:, 0], 1e6) == 0
