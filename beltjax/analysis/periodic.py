@@ -39,7 +39,13 @@ from beltjax.drive.components import as_real
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis
-from beltjax.numerics.periodic import Orbit, largest_multiplier, multipliers, periodic_orbit
+from beltjax.numerics.periodic import (
+    Orbit,
+    conditioning,
+    largest_multiplier,
+    multipliers,
+    periodic_orbit,
+)
 from beltjax.physics.motion import MotionModel
 from beltjax.results import (
     RESULTS,
@@ -302,7 +308,8 @@ def described(made: Prepared, orbit: Orbit) -> PeriodicResponse:
     signals = Signals(lin, made.model, motion)
     found = measures(signals, motion.grid(made.samples))
     use = friction_use(made.drive, lin, found)
-    floquet = multipliers(oscillator, made.excited, orbit.coefficients)
+    equations = oscillator, made.excited
+    floquet = multipliers(*equations, orbit.coefficients)
     size = jnp.linalg.norm(orbit.coefficients)
     result = first_failure(
         (~succeeded(made.result), made.result), (~orbit.converged, RESULTS.orbit_not_found)
@@ -319,7 +326,7 @@ def described(made: Prepared, orbit: Orbit) -> PeriodicResponse:
         signals=signals,
         excited=made.excited,
         shapes=made.shapes,
-        conditioning=orbit.conditioning,
+        conditioning=conditioning(*equations, orbit.coefficients, made.samples),
         error=jnp.linalg.norm(orbit.coefficients[-4:]) / jnp.where(size > 0, size, 1.0),
         result=result,
         warning=first_failure(

@@ -96,6 +96,39 @@ def residual(system: Oscillator, X: Coefficients, samples: int) -> Coefficients:
     return whole
 
 
+def _tangents(
+    system: Oscillator, X: Coefficients, of: _Sampling
+) -> tuple[Float[Array, "samples size size"], Float[Array, "samples size size"]]:
+    """Derivatives of the force by z and z' at the samples."""
+    by_both = jax.vmap(jax.jacfwd(system.force, (0, 1)))
+    rate = system.frequency * (of.rates @ X)
+    return by_both(of.values @ X, rate, jnp.asarray(of.phases))
+
+
+def preconditioner(
+    system: Oscillator, X: Coefficients, samples: int
+) -> Callable[[Coefficients], Coefficients]:
+    """The inverse of the Jacobian with the means of the force's tangents in place of themselves.
+
+    Constant tangents act on each harmonic alone, so that it costs one inverse a harmonic.
+    """
+    K, C = (jnp.mean(part, axis=0) for part in _tangents(system, X, _sampling(len(X) // 2, samples)))
+    w = system.frequency * jnp.arange(len(X) // 2 + 1)[:, None, None]
+    pencils = (system.stiffness + K) - w**2 * system.mass + 1j * w * (system.damping + C)
+    if system.neutral is not None:
+        u, row = system.neutral
+        pencils = pencils.at[0, row].add(u / (u @ u))
+    inverses = jnp.linalg.inv(pencils)
+
+    def apply(right: Coefficients) -> Coefficients:
+        waves = jnp.concatenate([right[:1] + 0j, right[1::2] - 1j * right[2::2]])
+        found = jnp.einsum("kij,kj->ki", inverses, waves)
+        parts = jnp.stack([found[1:].real, -found[1:].imag], axis=1)
+        return jnp.concatenate([found[:1].real, parts.reshape(-1, right.shape[1])])
+
+    return apply
+
+
 def jacobian(
     system: Oscillator, X: Coefficients, samples: int
 ) -> Float[Array, "unknowns unknowns"]:
@@ -105,9 +138,7 @@ def jacobian(
     # One product serves all: first the parts of the matrices, then the tangents at the samples.
     constant = [np.eye(terms)[None], w * of.turn[None], w**2 * (of.turn @ of.turn)[None]]
     parts = [system.stiffness[None], system.damping[None], system.mass[None]]
-    tangents = jax.vmap(jax.jacfwd(system.force, (0, 1)))(
-        of.values @ X, w * (of.rates @ X), jnp.asarray(of.phases)
-    )
+    tangents = _tangents(system, X, of)
     for values, part in zip((of.values, w * of.rates), tangents, strict=True):
         constant.append(of.project.T[:, :, None] * values[:, None, :])
         parts.append(part)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import lineax
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
@@ -20,6 +21,7 @@ from beltjax.numerics.harmonic_balance import (
     Scalar,
     derived,
     jacobian,
+    preconditioner,
     residual,
     series,
 )
@@ -32,8 +34,10 @@ class Orbit(NamedTuple):
     coefficients: Coefficients
     step: Scalar  # last correction over the size of the coefficients
     converged: Bool[Array, ""]
-    steps: Int[Array, ""]  # matrices factored
-    conditioning: Scalar  # least singular value of the scaled Jacobian, estimated
+    steps: Int[Array, ""]  # of Newton's method
+
+
+Solver = Callable[[Array], Array]
 
 
 class _Eliminated(NamedTuple):
@@ -58,7 +62,7 @@ class _Newton(NamedTuple):
     first: Float[Array, " n"]  # after the first step
     step: Scalar  # length of the last correction over that of the root
     converged: Bool[Array, ""]
-    steps: Int[Array, ""]  # matrices factored
+    steps: Int[Array, ""]  # solvers made
 
 
 _LEAST_PART = 1 / 8  # of a step
@@ -70,15 +74,15 @@ _TINY = 1e-300
 
 def _newton(
     equations: Callable[[Array], Array],
-    matrix: Callable[[Array], Array],
+    solver: Callable[[Array], Solver],
     guess: Float[Array, " n"],
     tol: float,
     max_steps: int | Int[Array, ""],
 ) -> _Newton:
     """A root near `guess`, by steps that the test of `roots.system_root` damps.
 
-    After a full step the same factors serve for further ones as long as they shorten quickly, since
-    a matrix costs far more than a correction.
+    `solver` makes at a point what solves with the Jacobian there. After a full step it serves for
+    further ones as long as they shorten quickly, since to make it costs more than a correction.
     """
 
     def small(correction: Array, x: Array) -> Bool[Array, ""]:
@@ -86,10 +90,10 @@ def _newton(
 
     def body(state: tuple[Any, ...]) -> tuple[Any, ...]:
         x, first, _, _, _, steps = state
-        factors = _factored(matrix(x))
+        solve = solver(x)
 
         def correction(x: Array) -> Array:
-            return -factors.solve(equations(x))
+            return -solve(equations(x))
 
         def useless(trial: tuple[Array, Array]) -> Bool[Array, ""]:
             part, left = trial
@@ -129,18 +133,54 @@ def _newton(
     return _Newton(x, first, step, done & jnp.all(jnp.isfinite(x)), steps)
 
 
+def _by_elimination(system: Oscillator, X: Coefficients, samples: int) -> Solver:
+    """What solves with the Jacobian at X, flat: by its matrix."""
+    return _factored(jacobian(system, X, samples)).solve
+
+
+_KRYLOV = 40  # directions of GMRES
+
+
+def _by_krylov(system: Oscillator, X: Coefficients, samples: int) -> Solver:
+    """What solves with the Jacobian at X, flat: by GMRES, without its matrix.
+
+    Preconditioned by the mean of the tangents the Jacobian is 1 but for what the tension's
+    fluctuation adds. Where the directions do not suffice the step of Newton's method is not quite
+    its own, and there are more of them.
+    """
+    inverse, shape = preconditioner(system, X, samples), X.shape
+
+    def near_one(X: Coefficients) -> Coefficients:
+        return inverse(residual(system, X, samples))
+
+    _, moved = jax.linearize(near_one, X)
+    operator = lineax.FunctionLinearOperator(moved, jax.ShapeDtypeStruct(shape, X.dtype))
+    # A step without directions comes first, then one with all.
+    method = lineax.GMRES(rtol=_TINY, atol=0.0, restart=_KRYLOV, max_steps=2)
+
+    def solve(right: Array) -> Array:
+        right = inverse(right.reshape(shape))
+        return lineax.linear_solve(operator, right, method, throw=False).value.ravel()
+
+    return solve
+
+
+MakeSolver = Callable[[Oscillator, Coefficients, int], Solver]
+
+
 def _orbit_near(
     system: Oscillator,
     guess: Coefficients,
     samples: int,
     tol: float,
     max_steps: int | Int[Array, ""],
+    make: MakeSolver = _by_elimination,
 ) -> _Newton:
     """An orbit of `system` near `guess`, its coefficients flat."""
     shape = guess.shape
     return _newton(
         lambda x: residual(system, x.reshape(shape), samples).ravel(),
-        lambda x: jacobian(system, x.reshape(shape), samples),
+        lambda x: make(system, x.reshape(shape), samples),
         guess.ravel(),
         tol,
         max_steps,
@@ -150,11 +190,13 @@ def _orbit_near(
 def _followed(
     at_load: Callable[[Scalar], Oscillator],
     guess: Coefficients,
+    begin: Scalar,
     samples: int,
     tol: float,
     max_steps: int,
+    make: MakeSolver,
 ) -> tuple[Coefficients, _Newton, Scalar]:
-    """The orbit at load 1: at once if it is close to the first correction, else by loads from 0.
+    """The orbit at load 1 from that at load `begin`: at once if it is close, else by loads between.
 
     Newton's method from afar may end at another orbit than the one that grows from rest. A root
     farther from the first correction than half its size is therefore not taken, and the load
@@ -166,7 +208,7 @@ def _followed(
         x, load, step, _, steps = state
         stretch = jnp.where(load > 0, (load + step) / jnp.where(load > 0, load, 1.0), 1.0)
         near = (stretch * x).reshape(shape)
-        found = _orbit_near(at_load(load + step), near, samples, tol, max_steps)
+        found = _orbit_near(at_load(load + step), near, samples, tol, max_steps, make)
         reach = _FARTHEST * jnp.linalg.norm(found.root)
         good = found.converged & (jnp.linalg.norm(found.root - found.first) <= reach)
         x, load = jnp.where(good, found.root, x), jnp.where(good, load + step, load)
@@ -179,7 +221,7 @@ def _followed(
 
     flat = guess.ravel()
     nothing = _Newton(flat, flat, jnp.array(jnp.inf), jnp.array(False), jnp.array(0))
-    start = (flat, jnp.zeros(()), jnp.ones(()), nothing, jnp.array(0))
+    start = (flat, begin, 1 - begin, nothing, jnp.array(0))
     x, load, _, last, steps = jax.lax.while_loop(unfinished, body, in_lanes_of(flat, start))
     return x.reshape(shape), last._replace(converged=load >= 1, steps=steps), load
 
@@ -284,27 +326,37 @@ def periodic_orbit(
     def at_load(load: Scalar) -> Oscillator:
         return system(fixed, load)
 
-    found, end, load = _followed(at_load, still, samples, tol, max_steps)
+    none = jnp.zeros(())
     if past_folds:
+        found, end, load = _followed(at_load, still, none, samples, tol, max_steps, _by_elimination)
         found, end = _found_past_folds(at_load, found, end, load, samples, tol, max_steps)
-    found = jnp.where(end.converged, found, 0.0)
+    else:
+        found, end, load = _followed(at_load, still, none, samples, tol, max_steps, _by_krylov)
+        # Where GMRES does not help, as close to a fold, the matrix goes on from the load reached.
+        found, rest, load = _followed(
+            at_load, found, load, samples, tol, max_steps, _by_elimination
+        )
+        rest = rest._replace(steps=end.steps + rest.steps)
+        end = jax.tree.map(lambda a, b: jnp.where(end.converged, a, b), end, rest)
+    # One more correction, so that differences of orbits are not those of the tolerance.
+    make = _by_elimination if past_folds else _by_krylov
     last = system(fixed, jnp.ones(()))
-    factors = _factored(jacobian(last, found, samples))
-    # The factors that the derivatives need serve for one more correction.
-    left = factors.solve(residual(last, found, samples).ravel()).reshape(still.shape)
-    found, factors = jax.lax.stop_gradient((jnp.where(end.converged, found - left, 0.0), factors))
+    left = make(last, found, samples)(residual(last, found, samples).ravel())
+    better = end.converged & (jnp.linalg.norm(left) <= tol * jnp.linalg.norm(found))
+    found = jnp.where(better, found - left.reshape(found.shape), found)
+    found = jax.lax.stop_gradient(jnp.where(end.converged, found, 0.0))
 
     def keep(_: Any, start: Coefficients) -> Coefficients:
         return start
 
     def solve(_: Any, right: Coefficients) -> Coefficients:
+        factors = _factored(jacobian(system(fixed, jnp.ones(())), found, samples))
         return factors.solve(right.ravel()).reshape(right.shape)
 
     coefficients = jax.lax.custom_root(
         lambda X: residual(system(args, jnp.ones(())), X, samples), found, keep, solve
     )
-    conditioning = _conditioning(last, len(still), factors)
-    return Orbit(coefficients, end.step, end.converged, end.steps, conditioning)
+    return Orbit(coefficients, end.step, end.converged, end.steps)
 
 
 def known_orbit(system: Oscillator, X: Coefficients, samples: int) -> Orbit:
@@ -312,17 +364,21 @@ def known_orbit(system: Oscillator, X: Coefficients, samples: int) -> Orbit:
     factors = _factored(jacobian(system, X, samples))
     left = factors.solve(residual(system, X, samples).ravel())
     step = jnp.linalg.norm(left) / (jnp.linalg.norm(X) + _TINY)
-    yes, none = jnp.array(True), jnp.array(0)
-    return Orbit(X, step, yes, none, _conditioning(system, len(X), factors))
+    return Orbit(X, step, jnp.array(True), jnp.array(0))
 
 
-def _conditioning(system: Oscillator, terms: int, factors: _Eliminated) -> Scalar:
-    """Least singular value of the Jacobian over the stiffness and inertia of each coordinate.
+def conditioning(
+    system: Callable[[Any, Scalar], Oscillator], args: Any, X: Coefficients, samples: int
+) -> Scalar:
+    """Least singular value of an orbit's Jacobian over the stiffness and inertia of coordinates.
 
-    By inverse iteration. It vanishes at a fold.
+    By inverse iteration, without derivatives. It vanishes at a fold.
     """
-    squares = (np.arange(1, terms + 1) // 2)[:, None] ** 2 * system.frequency**2
-    unit = jnp.sqrt(jnp.diag(system.stiffness) + squares * jnp.diag(system.mass)).ravel()
+    fixed, orbit = jax.lax.stop_gradient((args, X))
+    at = system(fixed, jnp.ones(()))
+    factors = _factored(jacobian(at, orbit, samples))
+    squares = (np.arange(1, len(X) + 1) // 2)[:, None] ** 2 * at.frequency**2
+    unit = jnp.sqrt(jnp.diag(at.stiffness) + squares * jnp.diag(at.mass)).ravel()
 
     def improve(_: Array, state: tuple[Array, Array]) -> tuple[Array, Array]:
         x, _ = state
@@ -350,35 +406,35 @@ def after_period(
     """
     size, w = X.shape[1], system.frequency
     h = 2 * np.pi / steps / w
-    nodes = jnp.asarray(_A.sum(axis=1))
-    second = _A @ _A
-    unit, none = jnp.eye(size), jnp.zeros((size, size))
     rate = w * derived(X)
+    A, second, nodes = _A, _A @ _A, _A.sum(axis=1)
 
     def tangents(phase: Scalar) -> tuple[Matrix, Matrix]:
         of = series(phase, len(X) // 2)
         by_z, by_rate = jax.jacfwd(system.force, (0, 1))(of @ X, of @ rate, phase)
         return system.stiffness + by_z, system.damping + by_rate
 
-    def advance(product: Array, step: Array) -> tuple[Array, None]:
-        K, C = jax.vmap(tangents)(2 * np.pi / steps * (step + nodes))
+    def advance(state: tuple[Array, Array], step: Array) -> tuple[tuple[Array, Array], None]:
         # Unknown are the accelerations at both stages.
-        left = jnp.einsum("ij,ab->iajb", np.eye(2), system.mass)
-        left = left + h * jnp.einsum("ij,iab->iajb", _A, C)
-        left = left + h**2 * jnp.einsum("ij,iab->iajb", second, K)
-        right = -jnp.concatenate([K, C + h * nodes[:, None, None] * K], axis=2)
-        solved = jnp.linalg.solve(
-            left.reshape(2 * size, 2 * size), right.reshape(2 * size, 2 * size)
-        ).reshape(2, size, 2 * size)
-        position = jnp.concatenate([unit, h * unit], axis=1)
-        position = position + h**2 * jnp.tensordot(_A.sum(axis=0) / 2, solved, 1)
-        velocity = jnp.concatenate([none, unit], axis=1) + h / 2 * jnp.sum(solved, axis=0)
-        return jnp.concatenate([position, velocity]) @ product, None
+        position, velocity = state
+        left, right = [], []
+        for k in range(2):
+            K, C = tangents(2 * np.pi / steps * (step + nodes[k]))
+            row = [h * A[k, m] * C + h**2 * second[k, m] * K for m in range(2)]
+            row[k] = row[k] + system.mass
+            left.append(jnp.concatenate(row, axis=1))
+            right.append(-(K @ (position + h * nodes[k] * velocity) + C @ velocity))
+        solved = jnp.linalg.solve(jnp.concatenate(left), jnp.concatenate(right))
+        one, two = solved[:size], solved[size:]
+        weights = A.sum(axis=0) / 2
+        position = position + h * velocity + h**2 * (weights[0] * one + weights[1] * two)
+        return (position, velocity + h / 2 * (one + two)), None
 
-    # In reverse only the product is kept from step to step.
+    # In reverse only the states are kept from step to step.
     start = in_lanes_of(X, _without_free_rate(system, disturbed))
-    product, _ = jax.lax.scan(jax.checkpoint(advance), start, jnp.arange(steps))
-    return _without_translation(system, product)
+    split = start[:size], start[size:]
+    (position, velocity), _ = jax.lax.scan(jax.checkpoint(advance), split, jnp.arange(steps))
+    return _without_translation(system, jnp.concatenate([position, velocity]))
 
 
 def _without_translation(

@@ -10,7 +10,7 @@ import scipy.special
 
 from beltjax.compiling.quick import quickly_compiled
 from beltjax.numerics.harmonic_balance import Oscillator, series
-from beltjax.numerics.periodic import monodromy, multipliers, periodic_orbit
+from beltjax.numerics.periodic import conditioning, monodromy, multipliers, periodic_orbit
 
 ONE = jnp.ones((1, 1))
 
@@ -115,11 +115,12 @@ def test_conditioning_vanishes_at_a_fold():
     F = A * np.sqrt((1 + 0.75 * a * A**2 - w**2) ** 2 + (c * w) ** 2)
     fold = F[np.argmax(np.diff(F) < 0)]
 
-    def conditioning(F):
-        orbit = periodic_orbit(duffing, arguments(F=F, w=w), 1, 16)
-        return float(orbit.conditioning), bool(orbit.converged)
+    def at(F):
+        args = arguments(F=F, w=w)
+        orbit = periodic_orbit(duffing, args, 1, 16)
+        return float(conditioning(duffing, args, orbit.coefficients, 16)), bool(orbit.converged)
 
-    far, near, beyond = (conditioning(fold * part) for part in (1 - 1e-3, 1 - 1e-5, 1 + 1e-5))
+    far, near, beyond = (at(fold * part) for part in (1 - 1e-3, 1 - 1e-5, 1 + 1e-5))
     assert far[1]
     assert near[1]
     assert not beyond[1]
