@@ -228,7 +228,7 @@ def _forcing(
     names = drive.pulley_names
     if orders is not None:
         return strongly_typed(orders).forcing(names, harmonics), jnp.asarray(orders.base)
-    if point.excitation is None:
+    if point.excitation is None or not point.excitation.excites:
         raise ValueError("orders: found none, and the point has no excitation; give Orders(...).")
     forcing, base = given_forcing(point.excitation, names, harmonics)
     return forcing, as_real(base)

@@ -377,7 +377,7 @@ class OrderTable(Table):
 def _knot(value: Any) -> list[float]:
     """A time and a speed of a profile, in SI."""
     if not isinstance(value, list) or len(value) != len(KNOT):
-        text = f"found {shown(value)}; give a time and a speed, such as [1.5, \"3000 rpm\"]"
+        text = f'found {shown(value)}; give a time and a speed, such as [1.5, "3000 rpm"]'
         raise PydanticCustomError("unit", "{text}", {"text": text})
     try:
         return [checked(one, number) for one, number in zip(value, KNOT, strict=True)]
