@@ -21,7 +21,9 @@ from .analysis.moving_beam import moving_beam_modes as moving_beam_modes
 from .analysis.moving_beam import span_frequencies as span_frequencies
 from .analysis.orbit_measures import Measures as Measures
 from .analysis.orders import Orders as Orders
+from .analysis.periodic import HarmonicBalance as HarmonicBalance
 from .analysis.periodic import PeriodicResponse as PeriodicResponse
+from .analysis.periodic import Shooting as Shooting
 from .analysis.periodic import periodic_response as periodic_response
 from .analysis.periodic import stability_margin as stability_margin
 from .analysis.periodic_branch import PeriodicBranch as PeriodicBranch

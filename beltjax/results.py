@@ -78,6 +78,9 @@ if TYPE_CHECKING:
         belt_slips_in_motion: "RESULTS"
         too_many_steps: "RESULTS"
         motion_not_finite: "RESULTS"
+        too_many_events: "RESULTS"
+        grazing: "RESULTS"
+        motion_has_modes: "RESULTS"
         frequencies_not_isolated: "RESULTS"
         belt_too_stiff: "RESULTS"
         contact_pressure_lost: "RESULTS"
@@ -244,6 +247,22 @@ else:
         motion_not_finite = (
             "The motion grew beyond all numbers: its excitation, a rate of its speed or a number "
             "of the drive is far out of the ordinary. Lower the excitation, or add damping."
+        )
+        too_many_events = (
+            "Tensioners stick and slip, or clutches open and close, more than 32 times in a "
+            "period. Look for friction that is far out of the ordinary, or give the friction a "
+            "friction_speed."
+        )
+        grazing = (
+            "An event of the motion only just happens: a tensioner that barely stops or slips, or "
+            "a clutch that barely opens. Derivatives hold as long as it does; `conditioning` shows "
+            "how clearly events are met. Change the excitation or the friction a little and "
+            "compare."
+        )
+        motion_has_modes = (
+            "A tensioner's dry friction holds (friction_speed = 0), or a joint is a decoupler or a "
+            "rigid clutch: their equations change at events, which harmonic balance does not know. "
+            "Give method=Shooting(), or a friction_speed."
         )
         frequencies_not_isolated = (
             "The exact frequencies could not be told apart. Use a finer basis for the first "

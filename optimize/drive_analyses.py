@@ -82,6 +82,7 @@ class DriveAnalyses:
             harmonics=HARMONICS,
             functions=FUNCTIONS,
             damping=Damping(modal=MODAL_DAMPING),
+            stability=False,
             throw=False,
         )
 

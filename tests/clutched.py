@@ -14,7 +14,8 @@ from beltjax.analysis.motion import (
     oscillator,
     widened,
 )
-from beltjax.analysis.orbit_measures import PeriodicMotion, Signals, measures
+from beltjax.analysis.orbit_measures import Signals, measures
+from beltjax.analysis.orbit_motion import HarmonicMotion
 from beltjax.numerics.periodic import multipliers, periodic_orbit
 from beltjax.physics.motion import projected
 
@@ -56,6 +57,6 @@ def moved(drive, speed, forcing, samples):
     excited, lin, whole, none = excited_at(drive, speed, forcing)
     orbit = periodic_orbit(oscillator, excited, len(forcing.crank) - 1, samples, past_folds=True)
     coefficients = widened(none, orbit.coefficients)
-    motion = PeriodicMotion(coefficients, excited.driver, excited.frequency, jnp.zeros(()))
-    found = measures(Signals(lin, whole, motion), motion.grid(samples))
+    motion = HarmonicMotion(coefficients, excited.driver, excited.frequency)
+    found = measures(Signals(lin, whole, motion), samples)
     return orbit, found, multipliers(oscillator, excited, orbit.coefficients, 800)

@@ -14,6 +14,7 @@ from beltjax.analysis.linearization import Linearization
 from beltjax.analysis.orders import Forcing
 from beltjax.analysis.response import driver_moments
 from beltjax.analysis.steady import SteadyState
+from beltjax.drive.bodies import bodies
 from beltjax.drive.groups import Scales
 from beltjax.drive.layout import belt_path, outline
 from beltjax.drive.loads import Load
@@ -22,19 +23,21 @@ from beltjax.drive.shafts import rotors, transmission
 from beltjax.drive.system import Drive
 from beltjax.numerics.harmonic_balance import Neutral, Oscillator, derived, series
 from beltjax.physics.accessories import Accessories
+from beltjax.physics.friction import Friction, Loaded
 from beltjax.physics.joints import Joints
 from beltjax.physics.motion import (
     BeltSpeed,
+    Driving,
     MotionModel,
     SpanPaths,
-    dry_friction,
+    beside_linear,
     quadratic_strains,
-    stretching,
 )
 from beltjax.physics.vibration import acceleration, convection
 
 LAYERED = 8  # functions of a span from which four of them are its ends' layers
 _LAYERS = 4
+_FAR = 1e6  # wind-up that no joint has [rad]
 
 
 class _Taken(eqx.Module):
@@ -63,6 +66,7 @@ def motion_model(
     joints: Joints | None = None,
     speed: BeltSpeed | None = None,
     accessories: Accessories | None = None,
+    loaded: Loaded | None = None,
 ) -> MotionModel:
     """The drive of `linearization` in motion."""
     lin = linearization
@@ -76,8 +80,12 @@ def motion_model(
         pull=lin.model.lam * lin.model.Q,
         bodies=quadratic_strains(lin.model),
         paths=paths,
-        friction=lin.steady.groups.frictions * lin.model.movable,
-        friction_speed=lin.steady.groups.friction_speeds,
+        gains=lin.model.gam,
+        friction=Friction(
+            constant=lin.steady.groups.frictions * lin.model.movable,
+            speed=lin.steady.groups.friction_speeds,
+            loaded=loaded,
+        ),
         joints=joints,
         speed=speed,
         accessories=accessories,
@@ -176,6 +184,33 @@ def span_paths(drive: Drive, steady: SteadyState) -> SpanPaths:
     )
 
 
+def loaded_friction(drive: Drive, lin: Linearization) -> Loaded:
+    """What the dry friction of the tensioners depends on, dimensionless."""
+    steady, scales, movable = lin.steady, lin.scales, lin.model.movable
+    parts, reference = drive.tensioners, steady.reference
+
+    def numbers(field: str) -> Float[Array, " coordinates"]:
+        return jnp.stack([getattr(part, field) for part in parts])
+
+    running = reference.coordinates + steady.coordinate_change
+    pull = numbers("stiffness") * (running - reference.free[: len(parts)]) - numbers("force")
+    directions, loops = reference.layout.directions, drive.loops
+    on_pulley = jnp.eye(lin.spans) - loops.preceding(jnp.eye(lin.spans))
+    carried = bodies(drive).carried  # also by what it sits on
+    bearings = jnp.einsum("pc,ps,sx->cxs", carried, on_pulley, directions)
+    unit = lin.units / scales.energy
+    return Loaded(
+        hub=numbers("friction_hub") * movable * lin.units / scales.length,
+        spring=numbers("friction_spring") * movable,
+        unwinding=numbers("friction_unwinding"),
+        winding=jax.lax.stop_gradient(jnp.where(pull < 0, -1.0, 1.0)),
+        pull=pull * unit,
+        stiffness=numbers("stiffness") * lin.units * unit,
+        bearings=bearings,
+        tensions=steady.effective_tensions,
+    )
+
+
 def joints_of(drive: Drive, lin: Linearization, damping: Damping) -> Joints:
     """The isolators of the drive, some of which are clutches, dimensionless."""
     parts, scales = drive.isolators, lin.scales
@@ -185,14 +220,18 @@ def joints_of(drive: Drive, lin: Linearization, damping: Damping) -> Joints:
     rows = rows.at[:, n : n + len(lin.rotors)].set(wind_ups[:, lin.rotors])
     stiffness = jnp.stack([part.stiffness for part in parts])
     damped = jnp.stack([part.damping for part in parts]) * damping.arm
+    damped = damped + damping.stiffness * stiffness  # it is in the matrix, too
     flags = jax.lax.stop_gradient(jnp.stack([part.pulleys for part in parts]))
+    stops = jnp.stack([part.stops for part in parts])
     return Joints(
         rows=rows,
         driving=wind_ups[:, lin.driver],
         steady=flags @ lin.steady.reference.torques / stiffness,
         stiffness=stiffness / scales.energy,
         damping=damped / (scales.energy * scales.time),
-        clutch=jax.lax.stop_gradient(jnp.stack([part.law for part in parts])),
+        law=jax.lax.stop_gradient(jnp.stack([part.law for part in parts])),
+        stops=jnp.where(jnp.isfinite(stops), stops, _FAR * jnp.array([-1.0, 1.0])),
+        stop_stiffness=jnp.stack([part.stop_stiffness for part in parts]) / scales.energy,
     )
 
 
@@ -292,18 +331,8 @@ def oscillator(excited: Excited, part: Float[Array, ""]) -> Oscillator:
         z: Float[Array, " size"], rate: Float[Array, " size"], phase: Float[Array, ""]
     ) -> Float[Array, " size"]:
         of = part * series(phase, harmonics)
-        theta, turning = of @ excited.driver, of @ by_time
-        found = dry_friction(m, rate) - of @ excited.load
-        relief = 0.0
-        if m.joints is not None:
-            found = found + m.joints.force(z, rate, theta, turning)
-        if m.accessories is not None:
-            found = found + m.accessories.force(rate)
-        if m.speed is not None:
-            omega = m.speed.omega0 + turning
-            relief = m.speed.relief(omega)
-            found = found + m.speed.force(z, rate, omega, of @ twice_by_time)
-        return found + stretching(m, z, theta, relief)
+        now = Driving(of @ excited.driver, of @ by_time, of @ twice_by_time)
+        return beside_linear(m, z, rate, now) - of @ excited.load
 
     neutral = None
     if m.rigid is not None:

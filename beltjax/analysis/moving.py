@@ -14,6 +14,7 @@ from beltjax.analysis.motion import (
     belt_speeds,
     joints_of,
     layered_shapes,
+    loaded_friction,
     motion_model,
     span_paths,
 )
@@ -27,14 +28,33 @@ from beltjax.physics.motion import MotionModel, projected
 FINE = 32  # Legendre functions from which the layered ones are combined
 
 
+class Counted(NamedTuple):
+    """What of a drive is not the same for all of its kind, and is counted where it may be there."""
+
+    curved: bool  # bodies may move on exact paths
+    loose: bool  # joints may be other than springs
+    varied: bool  # dry friction may depend on what a body carries
+
+
+def counted(drive: Drive) -> Counted:
+    """What is counted of a drive."""
+    bodies, isolators = drive.tensioners, drive.isolators
+    loads = [number for body in bodies for number in (body.friction_hub, body.friction_spring)]
+    return Counted(
+        curved=bool(bodies) and any_of([drive.model.arm_curvature]),
+        loose=any_of([part.law for part in isolators])
+        or any_of([part.stop_stiffness for part in isolators]),
+        varied=any_of(loads) or any_of([body.friction_unwinding - 1 for body in bodies]),
+    )
+
+
 class ModelAsked(eqx.Module):
     """What a motion counts."""
 
     damping: Damping
     basis: AbstractBasis | None
     functions: int = eqx.field(static=True)
-    curved: bool = eqx.field(static=True)  # bodies may move on exact paths
-    loose: bool = eqx.field(static=True)  # joints may be clutches
+    counted: Counted = eqx.field(static=True)
     varying: bool = eqx.field(static=True)  # the belts' speed follows the driver's rotation
     free: bool = eqx.field(static=True)  # the driver turns by its torque
 
@@ -53,29 +73,21 @@ def moving(drive: Drive, point: OperatingPoint, asked: ModelAsked) -> Moving:
     steady = steady_state(drive, point, throw=False)
     basis = Legendre(FINE) if asked.basis is None else asked.basis
     lin = linearize(steady, basis, free=asked.free, throw=False)
+    parts = asked.counted
     whole = motion_model(
         lin,
         asked.damping,
-        span_paths(drive, steady) if asked.curved else None,
-        joints_of(drive, lin, asked.damping) if asked.loose else None,
+        span_paths(drive, steady) if parts.curved else None,
+        joints_of(drive, lin, asked.damping) if parts.loose else None,
         belt_speeds(drive, point, lin) if asked.varying else None,
         accessories_of(drive, point, lin) if point.load else None,
+        loaded_friction(drive, lin) if parts.varied else None,
     )
     if asked.basis is None:
         shapes = layered_shapes(lin, asked.functions)
     else:
         shapes = jnp.broadcast_to(jnp.eye(basis.size), (lin.spans, basis.size, basis.size))
     return Moving(lin, whole, shapes, projected(whole, shapes))
-
-
-def has_clutches(drive: Drive) -> bool:
-    """Whether an isolator may be a clutch."""
-    return any_of([part.law for part in drive.isolators])
-
-
-def has_curved_paths(drive: Drive) -> bool:
-    """Whether the curvature of tensioners' paths may be counted."""
-    return bool(drive.tensioners) and any_of([drive.model.arm_curvature])
 
 
 def any_of(flags: Sequence[Array]) -> bool:

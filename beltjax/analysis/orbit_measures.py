@@ -1,11 +1,7 @@
-"""What a motion does to the parts of a drive: amplitudes, extremes of tension, slip.
-
-A motion is a function of its own variable: a periodic one of its phase, a transient one of time.
-"""
+"""What a motion does to the parts of a drive: amplitudes, extremes of tension, slip."""
 
 import abc
 from collections.abc import Callable
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -14,16 +10,13 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from beltjax.analysis.linearization import Linearization
+from beltjax.analysis.orbit_motion import AbstractMotion, Grid
 from beltjax.compiling.quick import usual_promotion
 from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
-from beltjax.numerics.harmonic_balance import Coefficients, derived, series
 from beltjax.numerics.roots import solve_dense
-from beltjax.physics.motion import MotionModel, dry_friction, strains
+from beltjax.physics.motion import MotionModel, strains
 
-Scalar = Float[Array, ""]
-
-_TIMES = 4  # points of time per sample of the orbit, from which extremes are refined
 _PLACES = 33  # points of a span
 _REFINEMENTS = 3  # of Newton's method
 _MOST = 1e6  # slip exponent of a pulley beside a span without tension
@@ -43,7 +36,10 @@ class Measures(Readable):
     mean_motions: Float[Array, " tensioners"]  # [rad] or [m]
     greatest_motions: Float[Array, "tensioners 2"]  # least and greatest [rad] or [m]
     friction_work: Float[Array, " tensioners"]  # of their dry friction [J]
+    stuck_fractions: Float[Array, " tensioners"]  # part of the time in which it holds them
     open_fractions: Float[Array, " isolators"]  # part of the time in which a clutch is open
+    overrun_per_period: Float[Array, " isolators"]  # of the hub beyond the rim [rad]
+    overrun_speeds: Float[Array, " isolators"]  # by which the hub turns faster on average [rad/s]
     tension_min: Float[Array, " spans"]  # [N]
     tension_max: Float[Array, " spans"]  # [N]
     slack_fractions: Float[Array, " spans"]  # part of the time with a tension below 0
@@ -52,62 +48,6 @@ class Measures(Readable):
     hub_load_max: Float[Array, " pulleys"]  # [N], of the vector sum of the effective tensions
     # |ln(Q_out/Q_in)|: above friction times wrap a pulley slips.
     slip_exponent_max: Float[Array, " pulleys"]
-
-
-class Grid(NamedTuple):
-    """Points of a motion's variable at which it is looked at first."""
-
-    at: Float[Array, " points"]
-    weights: Float[Array, " points"]  # of a mean over the motion
-    reach: Float[Array, ""]  # within which an extreme is refined
-    limits: tuple[Float[Array, ""] | float, Float[Array, ""] | float]  # of the variable
-    duration: Float[Array, ""]  # of the whole motion, dimensionless
-
-
-class AbstractMotion(eqx.Module):
-    """Coordinates of a drive as functions of a variable; dimensionless."""
-
-    @abc.abstractmethod
-    def state(self, at: Scalar) -> tuple[Float[Array, " size"], Scalar]:
-        """Coordinates and the driver's rotation."""
-
-    @abc.abstractmethod
-    def rate(self, at: Scalar) -> Float[Array, " size"]:
-        """Rates of the coordinates by time."""
-
-    @abc.abstractmethod
-    def speed(self, at: Scalar) -> Scalar:
-        """Speed of the driver."""
-
-
-class PeriodicMotion(AbstractMotion):
-    """A Fourier series, whose variable is its phase."""
-
-    coefficients: Coefficients
-    driver: Float[Array, " terms"]
-    frequency: Scalar
-    mean_speed: Scalar
-
-    def state(self, at: Scalar) -> tuple[Float[Array, " size"], Scalar]:
-        """The series."""
-        of = series(at, len(self.driver) // 2)
-        return of @ self.coefficients, of @ self.driver
-
-    def rate(self, at: Scalar) -> Float[Array, " size"]:
-        """The series of its derivative."""
-        return self.frequency * (series(at, len(self.driver) // 2) @ derived(self.coefficients))
-
-    def speed(self, at: Scalar) -> Scalar:
-        """The mean speed, and the rate of the driver's rotation."""
-        turning = derived(self.driver[:, None])[:, 0]
-        return self.mean_speed + self.frequency * (series(at, len(self.driver) // 2) @ turning)
-
-    def grid(self, samples: int) -> Grid:
-        """Equal steps of a period, where the motion was found with that many samples."""
-        count = _TIMES * samples
-        phases = jnp.arange(count) * (2 * jnp.pi / count)
-        weights = jnp.full(count, 1 / count)
-        return Grid(phases, weights, phases[1], (-jnp.inf, jnp.inf), 2 * jnp.pi / self.frequency)
 
 
 class Signals(eqx.Module):
@@ -119,7 +59,7 @@ class Signals(eqx.Module):
 
     def state(self, phase: Float[Array, ""]) -> tuple[Float[Array, " size"], Float[Array, ""]]:
         """Coordinates and the driver's rotation."""
-        return self.motion.state(phase)
+        return self.motion.at(phase), self.motion.turned(phase)
 
     def effective(self, phase: Float[Array, ""]) -> Float[Array, " spans"]:
         """Tension of each span less what turns the belt round, dimensionless."""
@@ -127,7 +67,7 @@ class Signals(eqx.Module):
         Q = lin.steady.effective_tensions + self.gains(phase) / lin.scales.tension
         if speed is None:
             return Q
-        return Q - speed.relief(self.motion.speed(phase)) / lin.model.lam
+        return Q - speed.relief(speed.omega0 + self.motion.faster(phase)) / lin.model.lam
 
     def rotors(self, phase: Float[Array, ""]) -> Float[Array, " rotors"]:
         """Rotations of all rotors [rad]."""
@@ -206,10 +146,12 @@ class OverTime(eqx.Module):
         return found.reshape(*times.shape, *found.shape[1:])
 
 
-def measures(signals: Signals, grid: Grid) -> Measures:
-    """Extremes of the motion, which are refined from those on a grid of its variable."""
+def measures(signals: Signals, samples: int) -> Measures:
+    """Extremes of the motion; a periodic one was found with that many samples."""
     lin = signals.linearization
     groups, steady = lin.steady.groups, lin.steady
+    motion, model = signals.motion, signals.model
+    grid = motion.grid(samples)
 
     def all_of(signals: Signals, phase: Float[Array, ""]) -> Float[Array, " items"]:
         rotors = signals.rotors(phase)
@@ -222,14 +164,18 @@ def measures(signals: Signals, grid: Grid) -> Measures:
     rims, hubs, motions, gains, loads, use = ends
     slack = jax.vmap(signals.gains)(grid.at) + steady.running_tensions < 0
     peaks, slopes = _deflections(signals, grid)
+    overrun = motion.overrun(model)
     return Measures(
         rotation_amplitudes=(rims[1] - rims[0]) / 2,
         hub_rotation_amplitudes=(hubs[1] - hubs[0]) / 2,
         travels=motions[1] - motions[0],
-        mean_motions=grid.weights @ jax.vmap(signals.motions)(grid.at),
+        mean_motions=lin.split(motion.mean())[2] * lin.units,
         greatest_motions=motions.T,
-        friction_work=_friction_work(signals, grid) * lin.scales.energy,
-        open_fractions=_open_fractions(signals, grid),
+        friction_work=motion.friction_work(model, grid) * lin.scales.energy,
+        stuck_fractions=motion.stuck(model),
+        open_fractions=motion.open(model, _wind_ups(signals, grid), grid.weights),
+        overrun_per_period=overrun,
+        overrun_speeds=overrun / (motion.duration * lin.scales.time),
         tension_min=steady.running_tensions + gains[0],
         tension_max=steady.running_tensions + gains[1],
         slack_fractions=grid.weights @ slack.astype(float),
@@ -240,24 +186,12 @@ def measures(signals: Signals, grid: Grid) -> Measures:
     )
 
 
-def _open_fractions(signals: Signals, grid: Grid) -> Float[Array, " isolators"]:
-    """Part of the time in which each clutch is open, without a derivative; springs never are."""
+def _wind_ups(signals: Signals, grid: Grid) -> Float[Array, "times joints"]:
+    """Wind-up of each joint over the motion."""
     joints = signals.model.joints
     if joints is None:
-        return jnp.zeros(0)
-    wound = jax.vmap(lambda phase: joints.wind_ups(*signals.state(phase)))(grid.at)
-    return joints.clutch * (grid.weights @ (wound < 0).astype(float))
-
-
-def _friction_work(signals: Signals, grid: Grid) -> Float[Array, " tensioners"]:
-    """Work of dry friction over the whole motion, of each body."""
-    count = len(signals.model.friction)
-
-    def at(phase: Float[Array, ""]) -> Float[Array, " tensioners"]:
-        rate = signals.motion.rate(phase)
-        return (dry_friction(signals.model, rate) * rate)[len(rate) - count :]
-
-    return grid.duration * (grid.weights @ jax.vmap(at)(grid.at))
+        return jnp.zeros((len(grid.at), 0))
+    return jax.vmap(lambda phase: joints.wind_ups(*signals.state(phase)))(grid.at)
 
 
 def extremes(
@@ -269,9 +203,10 @@ def extremes(
 
     The best of the points given is refined by Newton's method.
     """
+    phases, _, reach, limits = grid
     fixed = jax.lax.stop_gradient(signals)
-    values = jax.vmap(lambda phase: function(fixed, phase))(grid.at)
-    starts = grid.at[jnp.stack([jnp.argmin(values, axis=0), jnp.argmax(values, axis=0)])]
+    values = jax.vmap(lambda phase: function(fixed, phase))(phases)
+    starts = phases[jnp.stack([jnp.argmin(values, axis=0), jnp.argmax(values, axis=0)])]
     one = jnp.ones(())
     sign = jnp.array([[1.0], [-1.0]])
 
@@ -286,8 +221,8 @@ def extremes(
         first, second = jax.vmap(jax.vmap(slopes), (0, None))(at, jnp.arange(at.shape[1]))
         curved = sign * second > 0
         step = jnp.where(curved, -first / jnp.where(curved, second, 1.0), 0.0)
-        near = jnp.clip(at + step, starts - grid.reach, starts + grid.reach)
-        return jnp.clip(near, *grid.limits)
+        near = jnp.clip(at + step, starts - reach, starts + reach)
+        return jnp.clip(near, *limits)
 
     at = jax.lax.fori_loop(0, _REFINEMENTS, newton, starts)
     every = jax.vmap(jax.vmap(lambda phase: function(signals, phase)))(at)
@@ -295,36 +230,36 @@ def extremes(
 
 
 def _deflections(
-    signals: Signals, grid: Grid
+    signals: Signals, times: Grid
 ) -> tuple[Float[Array, " spans"], Float[Array, " spans"]]:
     """Largest deflection of each span over its length, and largest slope, in space and time."""
-    lin = signals.linearization
+    lin, phases = signals.linearization, times.at
     fixed = jax.lax.stop_gradient(signals)
-    places, (first, last) = jnp.linspace(0.0, 1.0, _PLACES), grid.limits
-    states = jax.vmap(lambda phase: fixed.state(phase)[0])(grid.at)
+    grid = jnp.linspace(0.0, 1.0, _PLACES)
+    states = jax.vmap(lambda phase: fixed.state(phase)[0])(phases)
 
     def of_span(i: Int[Array, ""]) -> tuple[Array, Array]:
         def at(signals: Signals, point: Float[Array, "2"], order: int = 0) -> Array:
             return signals.linearization.deflection(signals.state(point[1])[0], i, point[0], order)
 
-        table = jax.vmap(lambda z: lin.deflection(z, i, places))(states)
+        table = jax.vmap(lambda z: lin.deflection(z, i, grid))(states)
         time, place = jnp.unravel_index(jnp.argmax(jnp.abs(table)), table.shape)
-        start = jnp.stack([places[place], grid.at[time]])
+        start = jnp.stack([grid[place], phases[time]])
         sign = jnp.sign(table[time, place])
-        reach = jnp.stack([places[1], grid.reach])
+        reach = jnp.stack([grid[1], times.reach])
 
         def newton(_: Array, point: Float[Array, "2"]) -> Float[Array, "2"]:
             slope = jax.grad(lambda point: -sign * at(fixed, point))
-            steep, (second, mixed) = slope(point), jax.jacfwd(slope)(point)
+            first, (second, mixed) = slope(point), jax.jacfwd(slope)(point)
             determinant = second[0] * mixed[1] - second[1] * mixed[0]
             curved = (determinant > 0) & (second[0] > 0)
-            step = -solve_dense(jnp.stack([second, mixed]), steep)
+            step = -solve_dense(jnp.stack([second, mixed]), first)
             step = jnp.where(curved, step, 0.0)
             point = jnp.clip(point + step, start - reach, start + reach)
-            return jnp.stack([jnp.clip(point[0], 0.0, 1.0), jnp.clip(point[1], first, last)])
+            return jnp.stack([jnp.clip(point[0], 0.0, 1.0), jnp.clip(point[1], *times.limits)])
 
         point = jax.lax.fori_loop(0, _REFINEMENTS, newton, start)
-        steepest = jnp.max(jnp.abs(jax.vmap(lambda z: lin.deflection(z, i, places, 1))(states)))
+        steepest = jnp.max(jnp.abs(jax.vmap(lambda z: lin.deflection(z, i, grid, 1))(states)))
         return sign * at(signals, point), steepest
 
     return jax.vmap(of_span)(jnp.arange(lin.spans))

@@ -1,4 +1,4 @@
-"""Periodic vibration of finite amplitude: harmonic balance, stability, and its derivatives."""
+"""Periodic vibration of finite amplitude: the motion, its stability, and its derivatives."""
 
 from typing import Literal, NamedTuple
 
@@ -16,26 +16,14 @@ from beltjax.analysis.motion import (
     oscillator,
     widened,
 )
-from beltjax.analysis.moving import (
-    ModelAsked,
-    any_of,
-    has_clutches,
-    has_curved_paths,
-    moving,
-    require_functions,
-)
-from beltjax.analysis.orbit_measures import (
-    Measures,
-    OverTime,
-    PeriodicMotion,
-    Signals,
-    friction_use,
-    measures,
-)
+from beltjax.analysis.moving import ModelAsked, any_of, counted, moving, require_functions
+from beltjax.analysis.orbit_measures import Measures, OverTime, Signals, friction_use, measures
+from beltjax.analysis.orbit_motion import HarmonicMotion, SteppedMotion
 from beltjax.analysis.orders import Forcing, Orders, given_forcing
+from beltjax.analysis.shooting import shot_system
 from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.canonical import canonical, strongly_typed
-from beltjax.drive.components import as_real
+from beltjax.drive.components import as_real, concrete
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis
@@ -46,7 +34,10 @@ from beltjax.numerics.periodic import (
     multipliers,
     periodic_orbit,
 )
+from beltjax.numerics.shooting import ShotOrbit, shot_multipliers, shot_orbit
+from beltjax.physics.joints import DECOUPLER
 from beltjax.physics.motion import MotionModel
+from beltjax.physics.set_valued import has_modes
 from beltjax.results import (
     RESULTS,
     first_failure,
@@ -60,15 +51,38 @@ _PER_HARMONIC = 8  # samples
 BELT_SPEEDS = "constant", "varying"
 
 
+class HarmonicBalance(eqx.Module):
+    """Fourier series whose coefficients balance the equations: quick, differentiable, in batches.
+
+    For laws that are functions of state and rate; a branch is followed past the folds of a clutch.
+    """
+
+
+class Shooting(eqx.Module):
+    """Steps in time that end at events, repeated until a period closes: for laws with modes.
+
+    Dry friction that holds, decouplers and rigid clutches, beside all that harmonic balance knows
+    but a driver that is free. The motion is the one to which the drive comes from rest, if Newton's
+    method leads there. Raises `ValueError` for fewer than 8 steps.
+    """
+
+    steps: int = eqx.field(static=True, default=160)  # a period
+
+    def __check_init__(self):
+        if self.steps < 8:
+            raise ValueError(f"Shooting.steps: found {self.steps}; give 8 or more, usually 160.")
+
+
 class PeriodicResponse(OverTime):
-    """A periodic motion of a drive about its steady state, found by harmonic balance."""
+    """A periodic motion of a drive about its steady state."""
 
     # Fourier coefficients of the deviation in the linearization's coordinates: the mean, then the
-    # cosine and the sine of each harmonic.
+    # cosine and the sine of each harmonic; of shooting, projections of its steps.
     coefficients: Float[Array, "terms size"]
     frequency: Float[Array, ""]  # of the period [rad/s]
     driver: Float[Array, " terms"]  # rotation of the driver, given [rad]
-    multipliers: Complex[Array, " states"]  # Floquet's, the largest first
+    # Floquet's, the largest first; None where `stability=False` left them out.
+    multipliers: Complex[Array, " states"] | None
     measures: Measures
     friction_use: Float[Array, " pulleys"]  # largest over the period; 0 without friction
     # Mean torque of the driver in the direction of travel, beside what the steady state has [N m];
@@ -79,9 +93,13 @@ class PeriodicResponse(OverTime):
     # The equations in the functions that were counted, and these by the linearization's.
     excited: Excited
     shapes: Float[Array, "spans n functions"]
-    conditioning: Float[Array, ""]  # least singular value of the scaled equations; 0 at a fold
-    # Size of the last two harmonics over that of all: what is left out is of that size. The
-    # error of the functions of the spans is not in it.
+    # Least singular value of the scaled equations, 0 at a fold. Of shooting, the least rate at
+    # which an event is met, over that of its parts: 0 where one only touches, 1 without events.
+    # None as `multipliers`.
+    conditioning: Float[Array, ""] | None
+    # Size of the last two harmonics over that of all: what is left out is of that size; of
+    # shooting, an estimate of what its steps miss. The error of the functions of the spans is not
+    # in it.
     error: Float[Array, ""]
     result: RESULTS
     warning: RESULTS
@@ -94,7 +112,9 @@ class PeriodicResponse(OverTime):
 
     @property
     def stable(self) -> Bool[Array, ""]:
-        """Whether a small disturbance dies out."""
+        """Whether a small disturbance dies out; raises `ValueError` where that was left out."""
+        if self.multipliers is None:
+            raise ValueError("PeriodicResponse.stable: was left out; leave out stability=False.")
         return jnp.abs(self.multipliers[0]) < 1
 
     def _variable(self, times: Float[Array, " times"]) -> Float[Array, " times"]:
@@ -112,20 +132,22 @@ def periodic_response(
     basis: AbstractBasis | None = None,
     damping: Damping | None = None,
     belt_speed: Literal["constant", "varying"] = "constant",
+    method: HarmonicBalance | Shooting | None = None,
+    stability: bool = True,
     throw: bool = True,
 ) -> PeriodicResponse:
     """Periodic motion of finite amplitude under crank motion and torques at orders of the speed.
 
     The spans stretch by the squares of their slopes and of the tensioners' motions, so that
-    tension and deflection act on each other; dry friction of the tensioners and clutches
-    (`Isolator.law`) are counted.
-    docs/theory/motion.md. Small amplitudes give
+    tension and deflection act on each other; dry friction of the tensioners, clutches
+    (`Isolator.law`) and loads over speed are counted; docs/theory/motion.md. Small amplitudes give
     `speed_response`. The motion is the one that grows from rest with the excitation.
 
-    The result is that of the steady state, or `orbit_not_found`, or `numbers_unusable` for an
-    excitation that is not finite. With `throw=False` read
+    The result is that of the steady state, or `orbit_not_found`, or `too_many_events`, or
+    `motion_has_modes` where harmonic balance is asked for laws that it does not know, or
+    `numbers_unusable` for an excitation that is not finite. With `throw=False` read
     `.result`: a failed motion is zero. A success may carry a `.warning`: `orbit_unstable`,
-    `span_slack_in_motion`, `slope_too_large` or `belt_slips_in_motion`, in this order.
+    `span_slack_in_motion`, `slope_too_large`, `belt_slips_in_motion` or `grazing`, in this order.
 
     Args:
         drive: the drive.
@@ -139,8 +161,12 @@ def periodic_response(
             spans straight.
         basis: functions for the deflections in place of these, such as `Legendre(24)`.
         damping: `Damping()` unless given, which counts the drive's own dampers.
-        belt_speed: "constant", or "varying": the belts follow the rotation of the driver (O9),
+        belt_speed: "constant", or "varying": the belts follow the rotation of the driver (O12),
             which changes the motion by some 0.1 %.
+        method: `HarmonicBalance()` unless given, and `Shooting()` of a drive with a tensioner whose
+            `friction_speed` is 0, a decoupler or a rigid clutch.
+        stability: find `multipliers` and `conditioning`, which takes harmonic balance as long as
+            the motion itself; without them nothing warns of an unstable motion.
         throw: raise where the result is a failure.
 
     Returns:
@@ -148,7 +174,8 @@ def periodic_response(
 
     Raises:
         ValueError: an inertia or an excitation is missing, harmonics or samples are too few,
-            `belt_speed` is another word, or the excitation names a pulley that is not there.
+            `belt_speed` is another word, the excitation names a pulley that is not there, or the
+            method does not know a law.
         AnalysisError: the result is a failure, and `throw` is set.
 
     Examples:
@@ -158,9 +185,8 @@ def periodic_response(
         >>> found = bj.periodic_response(drive, point, orders, damping=damping)
         >>> found.measures.tension_min, found.stable
     """
-    asked = asked_of(
-        drive, point, orders, Resolution(harmonics, samples, functions, basis), damping, belt_speed
-    )
+    resolution = Resolution(harmonics, samples, functions, basis)
+    asked = asked_of(drive, point, orders, resolution, damping, belt_speed, method, stability)
     found = _periodic(*canonical(drive, point), asked)
     return raise_unless_successful(found, found.result, throw)
 
@@ -179,6 +205,8 @@ class MotionAsked(ModelAsked):
 
     forcing: Forcing
     base: Float[Array, ""]  # order of the period
+    method: HarmonicBalance | Shooting
+    stability: bool = eqx.field(static=True)
     samples: int = eqx.field(static=True)
 
 
@@ -189,36 +217,79 @@ def asked_of(
     how: Resolution,
     damping: Damping | None,
     belt_speed: str = "constant",
+    method: HarmonicBalance | Shooting | None = None,
+    stability: bool = True,
 ) -> MotionAsked:
     """The question of `periodic_response` for compiled code; raises `ValueError` as that does."""
+    free = _driver(point, orders) == "free"
+    method = _method(drive, method, free)
     frictions = [body.friction_torque for body in drive.tensioners]
-    loose = has_clutches(drive)
-    per_harmonic = _PER_HARMONIC * (2 if loose or any_of(frictions) else 1)
+    parts = counted(drive)
+    kinked = parts.loose or parts.varied or any_of(frictions)
+    per_harmonic = _PER_HARMONIC * (2 if kinked else 1)
     samples = per_harmonic * how.harmonics if how.samples is None else how.samples
     _require_resolution(how.harmonics, samples, how.functions)
     if belt_speed not in BELT_SPEEDS:
         raise ValueError(f"belt_speed: found {belt_speed!r}; give {' or '.join(BELT_SPEEDS)}.")
     varying = belt_speed == "varying"
-    forcing, base = _forcing(drive, point, orders, how.harmonics)
-    free = _driver(point, orders) == "free"
     if free and varying:
         raise ValueError(
             'belt_speed: found "varying", and the driver is free; belts follow a rotation that is '
             'given. Give "constant".'
         )
+    forcing, base = _forcing(drive, point, orders, how.harmonics)
     forcing, damping = strongly_typed((forcing, Damping() if damping is None else damping))
     return MotionAsked(
         forcing=forcing,
         base=base,
         damping=damping,
         basis=how.basis,
+        method=method,
+        stability=stability,
         samples=samples,
         functions=how.functions,
-        curved=has_curved_paths(drive),
-        loose=loose,
+        counted=parts,
         varying=varying,
         free=free,
     )
+
+
+def _method(
+    drive: Drive, method: HarmonicBalance | Shooting | None, free: bool
+) -> HarmonicBalance | Shooting:
+    """The method that was asked for, or the one that knows the drive's laws.
+
+    Raises `ValueError` for one that does not, as far as the numbers are known.
+    """
+    found = _law_with_modes(drive)
+    if method is None:
+        method = HarmonicBalance() if found is None else Shooting()
+    if isinstance(method, HarmonicBalance) and found is not None:
+        raise ValueError(
+            f"method: found HarmonicBalance(), and {found} changes the equations at events, which "
+            "it does not know; give Shooting(), or a smooth law."
+        )
+    if isinstance(method, Shooting) and free:
+        raise ValueError(
+            "method: found Shooting(), and the driver is free; give the motion of the driver, or "
+            "HarmonicBalance() and laws without modes."
+        )
+    return method
+
+
+def _law_with_modes(drive: Drive) -> str | None:
+    """What of the drive has a law with modes; None also where the numbers are traced."""
+    for body in drive.tensioners:
+        numbers = body.friction_torque, body.friction_hub, body.friction_spring
+        friction, speed = [concrete(number) for number in numbers], concrete(body.friction_speed)
+        dry = any(number is not None and number.any() for number in friction)
+        if dry and speed is not None and not speed.all():
+            return f"tensioner {body.name!r} with friction_speed = 0"
+    for part in drive.isolators:
+        law = concrete(part.law)
+        if law is not None and (law >= DECOUPLER).any():
+            return f"isolator {part.name!r} with its law"
+    return None
 
 
 def _forcing(
@@ -237,8 +308,7 @@ def _forcing(
 def _driver(point: OperatingPoint, orders: Orders | None) -> str:
     if orders is not None:
         return orders.driver
-    assert point.excitation is not None  # as _forcing holds
-    return point.excitation.driver
+    return "prescribed" if point.excitation is None else point.excitation.driver
 
 
 def _require_resolution(harmonics: int, samples: int, functions: int) -> None:
@@ -261,7 +331,6 @@ class Prepared(NamedTuple):
     shapes: Float[Array, "spans n functions"]  # of the functions that are counted
     excited: Excited  # in those
     frequency: Float[Array, ""]  # [rad/s]
-    speed: Float[Array, ""]  # of the driver [rad/s]
     samples: int
     result: RESULTS
 
@@ -269,8 +338,8 @@ class Prepared(NamedTuple):
 def prepared(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> Prepared:
     """The equations of a drive's motion at an operating point."""
     made = moving(drive, point, asked)
-    lin, turning = made.linearization, driver_speed(drive, point)
-    frequency = asked.base * turning
+    lin = made.linearization
+    frequency = asked.base * driver_speed(drive, point)
     w = frequency * lin.scales.time
     driver, load = load_series(lin, asked.forcing, w, asked.damping)
     excited = Excited(made.model, w, driver, narrowed(made.shapes, load))
@@ -279,24 +348,38 @@ def prepared(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> Prepare
         (~jnp.all(jnp.isfinite(load)), RESULTS.numbers_unusable),
     )
     excited = frozen_where_failed(excited, result)
-    return Prepared(
-        drive, lin, made.whole, made.shapes, excited, frequency, turning, asked.samples, result
-    )
+    return Prepared(drive, lin, made.whole, made.shapes, excited, frequency, asked.samples, result)
 
 
 @boundary_jit
 def _periodic(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> PeriodicResponse:
     made = prepared(drive, point, asked)
     harmonics = len(asked.forcing.crank) - 1
+    if isinstance(asked.method, Shooting):
+        return _shot(made, shot_orbit(shot_system, made.excited, asked.method.steps), harmonics)
     # An opening clutch softens the drive so much that the branch from rest folds.
     orbit = periodic_orbit(
-        oscillator, made.excited, harmonics, made.samples, past_folds=asked.loose
+        oscillator, made.excited, harmonics, made.samples, past_folds=asked.counted.loose
     )
-    return described(made, orbit)
+    return described(made, orbit, asked.stability)
 
 
-def described(made: Prepared, orbit: Orbit) -> PeriodicResponse:
-    """The answer about an orbit of the drive."""
+class _Found(NamedTuple):
+    """A motion and its evidence, as the methods differ in it."""
+
+    signals: Signals
+    coefficients: Float[Array, "terms size"]
+    multipliers: Complex[Array, " states"] | None
+    torque: Float[Array, ""]
+    conditioning: Float[Array, ""] | None
+    error: Float[Array, ""]
+    failures: tuple[tuple[Bool[Array, ""], RESULTS], ...]
+    grazes: Bool[Array, ""]
+    stats: dict[str, Array]
+
+
+def described(made: Prepared, orbit: Orbit, stability: bool = True) -> PeriodicResponse:
+    """The answer about an orbit of the drive, by harmonic balance."""
     lin, driver, w = made.linearization, made.excited.driver, made.excited.frequency
     neutral = oscillator(made.excited, jnp.ones(())).neutral
     found_at, torque = orbit.coefficients, jnp.zeros(())
@@ -304,47 +387,95 @@ def described(made: Prepared, orbit: Orbit) -> PeriodicResponse:
         torque = neutral.mean_load(found_at)
         found_at = found_at.at[0].add(torque * neutral.direction)  # its mean rotation is 0
     coefficients = widened(made.shapes, found_at)
-    motion = PeriodicMotion(coefficients, driver, w, made.speed * lin.scales.time)
-    signals = Signals(lin, made.model, motion)
-    found = measures(signals, motion.grid(made.samples))
-    use = friction_use(made.drive, lin, found)
-    equations = oscillator, made.excited
-    floquet = multipliers(*equations, orbit.coefficients)
+    motion = HarmonicMotion(coefficients=coefficients, driver=driver, frequency=w)
+    floquet = distance = None
+    if stability:
+        equations = oscillator, made.excited, orbit.coefficients
+        floquet, distance = multipliers(*equations), conditioning(*equations, made.samples)
     size = jnp.linalg.norm(orbit.coefficients)
-    result = first_failure(
-        (~succeeded(made.result), made.result), (~orbit.converged, RESULTS.orbit_not_found)
-    )
-    answer = PeriodicResponse(
-        coefficients=coefficients,
-        frequency=made.frequency,
-        driver=driver,
+    found = _Found(
+        signals=Signals(lin, made.model, motion),
+        coefficients=motion.coefficients,
         multipliers=floquet,
-        measures=found,
-        friction_use=use,
-        mean_driver_torque=torque * lin.scales.energy,
-        linearization=lin,
-        signals=signals,
-        excited=made.excited,
-        shapes=made.shapes,
-        conditioning=conditioning(*equations, orbit.coefficients, made.samples),
+        torque=torque * lin.scales.energy,
+        conditioning=distance,
         error=jnp.linalg.norm(orbit.coefficients[-4:]) / jnp.where(size > 0, size, 1.0),
-        result=result,
-        warning=first_failure(
-            (jnp.abs(floquet[0]) > 1, RESULTS.orbit_unstable),
-            (jnp.min(found.tension_min) < 0, RESULTS.span_slack_in_motion),
-            (jnp.max(found.slope_max) > STEEPEST, RESULTS.slope_too_large),
-            (jnp.max(use) > 1, RESULTS.belt_slips_in_motion),
+        failures=(
+            (has_modes(made.model), RESULTS.motion_has_modes),
+            (~orbit.converged, RESULTS.orbit_not_found),
         ),
+        grazes=jnp.array(False),
         stats={"steps": orbit.steps, "residual": orbit.step},
     )
+    return _answer(made, found)
+
+
+def _shot(made: Prepared, orbit: ShotOrbit, harmonics: int) -> PeriodicResponse:
+    """The answer about an orbit of the drive, by shooting."""
+    motion = SteppedMotion(
+        trajectory=orbit.trajectory,
+        shapes=made.shapes,
+        driver=made.excited.driver,
+        frequency=made.excited.frequency,
+    )
+    found = _Found(
+        signals=Signals(made.linearization, made.model, motion),
+        coefficients=motion.coefficients(harmonics),
+        multipliers=shot_multipliers(orbit),
+        torque=jnp.zeros(()),
+        conditioning=orbit.least,
+        error=orbit.error,
+        failures=(
+            (orbit.crowded, RESULTS.too_many_events),
+            (~orbit.converged, RESULTS.orbit_not_found),
+        ),
+        grazes=orbit.least < _GRAZES,
+        stats={"steps": orbit.periods, "residual": orbit.gap, "events": orbit.events},
+    )
+    return _answer(made, found)
+
+
+def _answer(made: Prepared, found: _Found) -> PeriodicResponse:
+    lin, extremes = made.linearization, measures(found.signals, made.samples)
+    use, floquet = friction_use(made.drive, lin, extremes), found.multipliers
+    unstable = jnp.array(False) if floquet is None else jnp.abs(floquet[0]) > 1
+    result = first_failure((~succeeded(made.result), made.result), *found.failures)
+    answer = PeriodicResponse(
+        coefficients=found.coefficients,
+        frequency=made.frequency,
+        driver=made.excited.driver,
+        multipliers=floquet,
+        measures=extremes,
+        friction_use=use,
+        mean_driver_torque=found.torque,
+        linearization=lin,
+        signals=found.signals,
+        excited=made.excited,
+        shapes=made.shapes,
+        conditioning=found.conditioning,
+        error=found.error,
+        result=result,
+        warning=first_failure(
+            (unstable, RESULTS.orbit_unstable),
+            (jnp.min(extremes.tension_min) < 0, RESULTS.span_slack_in_motion),
+            (jnp.max(extremes.slope_max) > STEEPEST, RESULTS.slope_too_large),
+            (jnp.max(use) > 1, RESULTS.belt_slips_in_motion),
+            (found.grazes, RESULTS.grazing),
+        ),
+        stats=found.stats,
+    )
     return frozen_where_failed(answer, result)
+
+
+_GRAZES = 1e-3  # least rate of an event, over that of its parts
 
 
 def stability_margin(response: PeriodicResponse) -> Float[Array, ""]:
     """What is left of a motion's stability: 1 less the modulus of its largest Floquet multiplier.
 
     Negative where the motion is unstable. Unlike `response.multipliers` it has derivatives, which
-    cost one more monodromy matrix. Where the motion was not found it is 0 and has none.
+    cost one more monodromy matrix; those of a motion by `Shooting` are NaN. Where the motion was
+    not found it is a placeholder without derivatives.
 
     Args:
         response: a motion, as `periodic_response` returns it.
@@ -365,6 +496,10 @@ def stability_margin(response: PeriodicResponse) -> Float[Array, ""]:
 @boundary_jit
 def _stability_margin(response: PeriodicResponse) -> Float[Array, ""]:
     of = response
-    orbit = narrowed(of.shapes, of.coefficients)
-    margin = 1 - largest_multiplier(oscillator, of.excited, orbit)
+    if isinstance(of.signals.motion, HarmonicMotion):
+        orbit = narrowed(of.shapes, of.coefficients)
+        margin = 1 - largest_multiplier(oscillator, of.excited, orbit)
+    else:
+        assert of.multipliers is not None  # shooting always has them
+        margin = 1 - jnp.abs(of.multipliers[0])
     return frozen_where_failed(margin, of.result)

@@ -186,7 +186,7 @@ def _first(
     made = _made(drive, point, name, asked, value)
     harmonics = len(asked.forcing.crank) - 1
     orbit = periodic_orbit(
-        oscillator, made.excited, harmonics, asked.samples, past_folds=asked.loose
+        oscillator, made.excited, harmonics, asked.samples, past_folds=asked.counted.loose
     )
     missed = RESULTS.where(orbit.converged, RESULTS.successful, RESULTS.orbit_not_found)
     good = made.result == RESULTS.successful

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from beltjax.analysis.damping import Damping
-from beltjax.analysis.driver_motion import CrankSignal, DriverMotion, driver_motion
+from beltjax.analysis.driver_motion import CrankSignal, Driven, DriverMotion, driver_motion
 from beltjax.analysis.linearization import Linearization
 from beltjax.analysis.motion import (
     driver_speed,
@@ -23,20 +23,12 @@ from beltjax.analysis.motion import (
 from beltjax.analysis.moving import (
     ModelAsked,
     Moving,
-    has_clutches,
-    has_curved_paths,
+    counted,
     moving,
     require_functions,
 )
-from beltjax.analysis.orbit_measures import (
-    AbstractMotion,
-    Grid,
-    Measures,
-    OverTime,
-    Signals,
-    friction_use,
-    measures,
-)
+from beltjax.analysis.orbit_measures import Measures, OverTime, Signals, friction_use, measures
+from beltjax.analysis.orbit_motion import AbstractMotion, Grid, open_clutches
 from beltjax.analysis.orders import Forcing, Orders, orders_of
 from beltjax.analysis.periodic import STEEPEST, PeriodicResponse
 from beltjax.compiling.quick import boundary_jit, long_boundary_jit
@@ -55,7 +47,7 @@ from beltjax.numerics.time_integration import (
     integrated,
     require_diffrax,
 )
-from beltjax.physics.motion import MotionModel, dry_friction, stretching
+from beltjax.physics.motion import Driving, MotionModel, beside_linear, dry_friction
 from beltjax.results import (
     RESULTS,
     first_failure,
@@ -175,9 +167,12 @@ class Transient(OverTime):
 
 
 class SampledMotion(AbstractMotion):
-    """A motion by its coordinates, rates and accelerations at times, joined by quintic curves."""
+    """A motion by its coordinates, rates and accelerations at times, joined by quintic curves.
 
-    times: Float[Array, " times"]  # dimensionless, from 0
+    The variable is the dimensionless time from the start on.
+    """
+
+    times: Float[Array, " times"]
     values: Float[Array, "times size"]  # of fewer functions than the linearization's
     rates: Float[Array, "times size"]
     accelerations: Float[Array, "times size"]
@@ -185,25 +180,65 @@ class SampledMotion(AbstractMotion):
     driver: DriverMotion
     start: Scalar  # [s]
     unit: Scalar  # of time [s]
+    omega0: Scalar  # speed of the driver in the steady state
+    frequency: Scalar  # 1: the variable is the time
 
-    def state(self, at: Scalar) -> tuple[State, Scalar]:
+    def at(self, phase: Scalar) -> State:
         """Hermite's interpolation in time."""
-        return widened(self.shapes, self._joined(at, 0)), self.driver.at(self._time(at)).theta
+        return widened(self.shapes, self._joined(phase, 0))
 
-    def rate(self, at: Scalar) -> State:
+    def rate(self, phase: Scalar) -> State:
         """Its derivative."""
-        return widened(self.shapes, self._joined(at, 1))
+        return widened(self.shapes, self._joined(phase, 1))
 
-    def speed(self, at: Scalar) -> Scalar:
-        """The driver's, its rotation included."""
-        now = self.driver.at(self._time(at))
-        return (now.Omega + now.rate) * self.unit
+    def turned(self, phase: Scalar) -> Scalar:
+        """The driver's rotation beyond that at its mean speed."""
+        return self.driver.at(self._time(phase)).theta
 
-    def grid(self) -> Grid:
+    def faster(self, phase: Scalar) -> Scalar:
+        """The driver's speed, its rotation included, beyond that of the steady state."""
+        now = self.driver.at(self._time(phase))
+        return (now.Omega + now.rate) * self.unit - self.omega0
+
+    @property
+    def duration(self) -> Scalar:
+        """All of the time."""
+        return self.times[-1]
+
+    def mean(self) -> State:
+        """By the trapezoidal rule."""
+        return widened(self.shapes, _weights(self.times) @ self.values / self.duration)
+
+    def grid(self, samples: int = 0) -> Grid:
         """The times that were kept."""
+        weights = _weights(self.times) / self.duration
         ends = self.times[0], self.times[-1]
-        widest = jnp.max(jnp.diff(self.times))
-        return Grid(self.times, _weights(self.times) / ends[1], widest, ends, ends[1])
+        return Grid(self.times, weights, jnp.max(jnp.diff(self.times)), ends)
+
+    def friction_work(self, model: MotionModel, grid: Grid) -> Float[Array, " tensioners"]:
+        """Work of dry friction over the motion, of each body."""
+        count = len(model.friction.constant)
+
+        def power(at: Scalar) -> Float[Array, " tensioners"]:
+            rate = self.rate(at)
+            force = dry_friction(model, self.at(at), rate, self.turned(at))
+            return (force * rate)[len(rate) - count :]
+
+        return self.duration * (grid.weights @ jax.vmap(power)(grid.at))
+
+    def stuck(self, model: MotionModel) -> Float[Array, " tensioners"]:
+        """Smooth friction holds no body."""
+        return jnp.zeros_like(model.friction.constant)
+
+    def overrun(self, model: MotionModel) -> Float[Array, " joints"]:
+        """Springs and spring clutches have none that stays."""
+        return jnp.zeros(0 if model.joints is None else len(model.joints.rows))
+
+    def open(
+        self, model: MotionModel, wound: Float[Array, "times joints"], weights: Array
+    ) -> Float[Array, " joints"]:
+        """Part of the time in which each clutch is open, without a derivative."""
+        return open_clutches(model, wound, weights)
 
     def _time(self, at: Scalar) -> Scalar:
         return self.start + self.unit * at
@@ -275,34 +310,31 @@ class Equations(eqx.Module):
     unit: Scalar  # of time [s]
 
     def acceleration(self, z: State, rate: State, t: Scalar) -> State:
-        """Acceleration at a time of the equations, docs/theory/motion.md, (O10)."""
-        m, now = self.model, self.driver.at(self.start + self.unit * t)
-        turning, gained = now.rate * self.unit, now.acceleration * self.unit**2
-        mean, rise = now.Omega * self.unit, now.gained * self.unit**2
-        assert m.speed is not None  # as `_begun` asks for
-        omega = mean + turning
-        force = m.damping @ rate + m.stiffness @ z + dry_friction(m, rate) + rise * self.carried
-        force = force + stretching(m, z, now.theta, m.speed.relief(omega))
-        force = force + m.speed.force(z, rate, omega, rise + gained)
-        force = force + jnp.stack([now.theta, turning, gained]) @ self.by_driver
-        force = force - now.torques @ self.by_torque
-        if m.joints is not None:
-            force = force + m.joints.force(z, rate, now.theta, turning)
-        if m.accessories is not None:
-            force = force + m.accessories.force(rate, mean - m.speed.omega0)
+        """Acceleration at a time of the equations, docs/theory/motion.md, (O13)."""
+        m, driven = self.model, self.driver.at(self.start + self.unit * t)
+        now = self._driving(driven)
+        force = m.damping @ rate + m.stiffness @ z + beside_linear(m, z, rate, now)
+        force = force + now.rise * self.carried - driven.torques @ self.by_torque
+        force = force + jnp.stack([now.theta, now.rate, now.acceleration]) @ self.by_driver
         return -self.inverse @ force
+
+    def _driving(self, driven: Driven) -> Driving:
+        """What the driver does, dimensionless."""
+        assert self.model.speed is not None  # as `_begun` asks for
+        return Driving(
+            theta=driven.theta,
+            rate=driven.rate * self.unit,
+            acceleration=driven.acceleration * self.unit**2,
+            faster=driven.Omega * self.unit - self.model.speed.omega0,
+            rise=driven.gained * self.unit**2,
+        )
 
     def at_rest(self, z: State) -> State:
         """The force on a drive that turns steadily as it does at the start, without excitation."""
-        m, mean = self.model, self.driver.speeds[0] * self.unit
+        m, zero = self.model, jnp.zeros(())
         assert m.speed is not None
-        force = m.stiffness @ z + stretching(m, z, 0.0, m.speed.relief(mean))
-        none = jnp.zeros_like(z)
-        if m.joints is not None:
-            force = force + m.joints.force(z, none, jnp.zeros(()), jnp.zeros(()))
-        if m.accessories is not None:
-            force = force + m.accessories.force(none, mean - m.speed.omega0)
-        return force
+        now = Driving(zero, zero, zero, self.driver.speeds[0] * self.unit - m.speed.omega0)
+        return m.stiffness @ z + beside_linear(m, z, jnp.zeros_like(z), now)
 
 
 def transient(
@@ -329,7 +361,7 @@ def transient(
     """Motion of finite amplitude over time: run-up, coast-down, start and stop, any crank motion.
 
     The equations are those of `periodic_response`, in a frame that turns with the driver's mean
-    speed, with belts whose speed follows the driver: docs/theory/motion.md, (O9) and (O10). One
+    speed, with belts whose speed follows the driver: docs/theory/motion.md, (O12) and (O13). One
     model, about the steady state at the speed halfway between the lowest and the highest, serves
     all speeds. It needs diffrax: `pip install 'beltjax[time]'`.
 
@@ -396,8 +428,7 @@ def transient(
         damping=Damping() if damping is None else damping,
         basis=basis,
         functions=functions,
-        curved=has_curved_paths(drive),
-        loose=has_clutches(drive),
+        counted=counted(drive),
         varying=True,
         free=False,
         times=times,
@@ -692,9 +723,11 @@ def _described(drive: Drive, begun: Begun, run: Integrated) -> Transient:
         driver=equations.driver,
         start=equations.start,
         unit=equations.unit,
+        omega0=begun.reference * equations.unit,
+        frequency=jnp.ones(()),
     )
     signals = Signals(lin, begun.made.whole, motion)
-    found = measures(signals, motion.grid())
+    found = measures(signals, 0)
     use = friction_use(drive, lin, found)
     times = equations.start + equations.unit * begun.saves
     now = jax.vmap(equations.driver.at)(times)

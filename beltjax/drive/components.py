@@ -18,12 +18,13 @@ SENSES = {"counterclockwise": 1.0, "clockwise": -1.0}
 TENSIONS_OF = ("belt", "string")
 TRAVELS = {"listed": 1.0, "opposite": -1.0}
 KINDS = {"rotary": 1.0, "linear": 0.0}
-LAWS = {"spring": 0.0, "spring-clutch": 1.0}
+LAWS = {"spring": 0.0, "spring-clutch": 1.0, "decoupler": 2.0, "rigid-clutch": 3.0}
 NO_STOPS = (-np.inf, np.inf)
 # Units of a coordinate and of what goes with it, by the kind of tensioner.
 COORDINATE = {"rotary": "rad", "linear": "m"}
 STIFFNESS = {"rotary": "N m/rad", "linear": "N/m"}
 DAMPING = {"rotary": "N m s/rad", "linear": "N s/m"}
+BEARING = {"rotary": "m", "linear": ""}
 INERTIA = {"rotary": "kg m^2", "linear": "kg"}
 FORCE = {"rotary": "N m", "linear": "N"}
 SPEED = {"rotary": "rad/s", "linear": "m/s"}
@@ -76,7 +77,7 @@ def as_flags(value: Any) -> Array:
 
 
 def as_law(value: Any) -> Array:
-    """1 for a spring-clutch between rim and hub, 0 for a spring."""
+    """The number of the law of a joint between rim and hub, as `physics.joints` has it."""
     return as_sign(LAWS, value)
 
 
@@ -306,9 +307,37 @@ class Tensioner(Readable):
         default=0.0,
         metadata=number(
             FORCE,
-            "of dry friction against its motion, for periodic motion; of a linear one a force",
+            "of dry friction against its motion, for periodic motion; of a linear one a force. In "
+            "a file also a table `{ coulomb, hub, spring, unwinding }` of this and the next three",
             at_least=0,
             rare=True,
+        ),
+    )
+    friction_hub: Float[Array, ""] = eqx.field(
+        converter=as_real,
+        default=0.0,
+        metadata=number(
+            BEARING,
+            "dry friction per load on its bearing by the belt: coefficient times the bearing's "
+            "radius, of a linear one the coefficient",
+            at_least=0,
+            rare=True,
+        ),
+    )
+    friction_spring: Float[Array, ""] = eqx.field(
+        converter=as_real,
+        default=0.0,
+        metadata=number("", "dry friction per pull of its spring", at_least=0, rare=True),
+    )
+    friction_unwinding: Float[Array, ""] = eqx.field(
+        converter=as_real,
+        default=1.0,
+        metadata=number(
+            "",
+            "factor of its dry friction while its spring unwinds; 1 unless given",
+            at_least=0,
+            rare=True,
+            beside="friction_torque",
         ),
     )
     friction_speed: Float[Array, ""] = eqx.field(
@@ -317,8 +346,8 @@ class Tensioner(Readable):
         metadata=number(
             SPEED,
             "at which that friction turns round, as tanh(speed/friction_speed): a fiftieth of the "
-            "largest speed for 1 %; 0.02 unless given",
-            above=0,
+            "largest speed for 1 %; 0.02 unless given. With 0 it holds what stands still",
+            at_least=0,
             rare=True,
             beside="friction_torque",
         ),
@@ -361,8 +390,11 @@ class Isolator(Readable):
 
     Torque and `Pulley.inertia` belong to the hub. `pulleys` is 1 at the places of the pulleys whose
     rim it carries; several share one rim. A "spring-clutch" lets the hub overrun the rim: it pulls
-    only while it is wound up, and remembers the angle of overrun (Zhu and Parker, 2005). Small
-    motion leaves it wound up, so that it is a spring but for `periodic_response`.
+    only while it is wound up, and remembers the angle of overrun (Zhu and Parker, 2005). A
+    "decoupler" is a spring with a one-way clutch, which takes hold again as soon as the rim is no
+    slower than the hub, and a "rigid-clutch" that clutch alone. Small motion leaves all of them
+    engaged, so that each is a spring but for `periodic_response`; that of a rigid clutch is the
+    shaft's. Raises `ValueError` for stops of a rigid clutch, and for stops that are not in order.
     """
 
     words: ClassVar = {"law": LAWS}
@@ -382,8 +414,36 @@ class Isolator(Readable):
         default=0.0,
         metadata=number("N m s/rad", "for the forced response", at_least=0),
     )
-    law: Float[Array, ""] = eqx.field(converter=as_law, default="spring")  # 1: a spring-clutch
+    law: Float[Array, ""] = eqx.field(converter=as_law, default="spring")  # its place in LAWS
+    stops: Float[Array, "2"] = eqx.field(
+        converter=as_real,
+        default=NO_STOPS,
+        metadata=number(
+            "rad",
+            "`[least, greatest]` wind-up of rim against hub beyond which it meets stiff springs, "
+            "in periodic motion",
+            unbounded=True,
+            rare=True,
+        ),
+    )
+    stop_stiffness: Float[Array, ""] = eqx.field(
+        converter=as_real,
+        default=0.0,
+        metadata=number("N m/rad", "of those springs", at_least=0, rare=True),
+    )
     name: str = eqx.field(static=True, default="")  # that of its first pulley unless given
+
+    def __check_init__(self):
+        require_shape(f"Isolator {self.name!r}", self.stops, (2,), "stops (least, greatest)")
+        stops, law = concrete(self.stops), concrete(self.law)
+        if stops is None:
+            return
+        if not np.all(stops[..., 0] < stops[..., 1]):
+            raise ValueError(
+                f"Isolator {self.name!r}: stops are (least, greatest), not {tuple(stops)}."
+            )
+        if law is not None and np.any(law == LAWS["rigid-clutch"]) and np.isfinite(stops).any():
+            raise ValueError(f"Isolator {self.name!r}: a rigid clutch does not wind up; no stops.")
 
 
 class Damper(Readable):

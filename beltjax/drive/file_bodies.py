@@ -395,13 +395,22 @@ def _single_content(drive: Drive) -> dict[str, Any] | None:
     return {"pulley": carried[0]} | content
 
 
-_FRICTION = "friction_torque", "friction_speed"
+_FRICTION = (
+    "friction_torque",
+    "friction_hub",
+    "friction_spring",
+    "friction_unwinding",
+    "friction_speed",
+)
 # Of numbers that a file need not give.
 _SILENT = {
     "damping": 0.0,
     "force": 0.0,
     "stops": list(NO_STOPS),
     "friction_torque": 0.0,
+    "friction_hub": 0.0,
+    "friction_spring": 0.0,
+    "friction_unwinding": 1.0,
     "friction_speed": 0.02,
 }
 
@@ -459,7 +468,7 @@ def _twins(drive: Drive) -> list[int]:
         alike = np.array_equal(one.pivot, two.pivot) and (one.inertia is None) == (
             two.inertia is None
         )
-        smooth = not (float(one.friction_torque) or float(two.friction_torque))
+        smooth = not any(_numbers_content(arm, _FRICTION) for arm in (one, two))
         plain = _is_plain_arm(one) and _is_plain_arm(two) and alike and smooth
         single = all(len(_carried_by(drive, k)) == 1 for k in (place, place + 1))
         if spring.name == name and _listed(spring.between) == ends and plain and single:

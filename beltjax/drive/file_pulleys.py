@@ -249,7 +249,6 @@ def isolators_of(file: DriveTable, wheels: Wheels, path: object) -> list[Isolato
         for word, unfit, remedy in (
             ("law", table.law not in LAWS, " or ".join(f'law = "{word}"' for word in LAWS)),
             ("one_way", table.one_way, "one_way = false"),
-            ("stops", table.stops is not None, "none"),
         ):
             if unfit:
                 message = (
@@ -262,8 +261,27 @@ def isolators_of(file: DriveTable, wheels: Wheels, path: object) -> list[Isolato
         flags = [float(name in names) for name in wheels.names]
         name = _own_name(table.name, names[0], [part.name for part in made], key, path)
         numbers = given_numbers(table, Isolator)
+        _require_stops(numbers, table.law, key, path)
         made.append(Isolator(flags, name=name, law=table.law, **numbers))
     return made
+
+
+def _require_stops(numbers: dict[str, Any], law: str, key: str, path: object) -> None:
+    """Raise `FileError` for stops not in order, half given, or of a joint that does not wind up."""
+    stops = numbers.get("stops")
+    if ("stop_stiffness" in numbers) != (stops is not None):
+        missing = "stop_stiffness" if stops is not None else "stops"
+        raise FileError(
+            path, f"{key}.{missing}", "is missing; stops and stop_stiffness go together"
+        )
+    if stops is None:
+        return
+    if law == "rigid-clutch":
+        message = "belong to a joint that winds up, and a rigid clutch does not; remove them"
+        raise FileError(path, f"{key}.stops", message)
+    if not stops[0] < stops[1]:
+        shown = [float(f"{stop:.6g}") for stop in stops]
+        raise FileError(path, f"{key}.stops", f"found {shown}; give [least, greatest]")
 
 
 def dampers_of(file: DriveTable, wheels: Wheels, path: object) -> list[Damper]:
@@ -303,7 +321,10 @@ def pulleys_content(drive: Drive) -> dict[str, Any]:
         on = [name for name, flag in zip(names, part.pulleys.tolist(), strict=True) if flag]
         where = {"pulley": on[0]} if len(on) == 1 else {"pulleys": on}
         law = {"law": word(LAWS, part.law)} if float(part.law) else {}
-        isolators.append(_name_content(part.name, on[0]) | where | law | numbers_content(part))
+        numbers = numbers_content(part)
+        if not numbers["stop_stiffness"]:
+            del numbers["stops"], numbers["stop_stiffness"]
+        isolators.append(_name_content(part.name, on[0]) | where | law | numbers)
     for part in drive.dampers:
         at = {"at": "rim"} if float(part.on_rim) else {}
         pulley = names[int(np.argmax(part.pulley))]

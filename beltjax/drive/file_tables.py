@@ -99,6 +99,9 @@ class PulleyTable(Table):
         "damping",
         "stops",
         "friction_torque",
+        "friction_hub",
+        "friction_spring",
+        "friction_unwinding",
         "friction_speed",
     ),
     required=("pivot", "stiffness"),
@@ -258,12 +261,12 @@ class IsolatorTable(Table):
     law: Annotated[
         str,
         meaning(
-            '`"spring"` (default), or `"spring-clutch"`, which lets the hub overrun the rim '
-            "(in `beltjax periodic`)"
+            '`"spring"` (default), or what lets the hub overrun the rim (in `beltjax periodic`): '
+            '`"spring-clutch"`, which remembers the angle, `"decoupler"`, a spring with a one-way '
+            'clutch, or `"rigid-clutch"`, that clutch alone'
         ),
     ] = "spring"
     one_way: Annotated[bool, meaning("`false`")] = False
-    stops: Annotated[Any, meaning("not modeled yet")] = None
 
 
 @numbers_of(Damper)

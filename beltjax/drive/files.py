@@ -17,6 +17,7 @@ from beltjax.drive.file_bodies import (
     read_bodies,
     require_one_arm,
 )
+from beltjax.drive.file_friction import frictions_as_numbers
 from beltjax.drive.file_makers_data import in_terms_of_the_drive, pitch_offsets
 from beltjax.drive.file_operation import (
     OPERATION,
@@ -188,6 +189,7 @@ def _described(
     require_one_arm(content, path)
     near, origin = near_the_origin(content)
     plain = springs_as_positions(in_terms_of_the_drive(near, path), path)
+    plain = frictions_as_numbers(plain, path)
     file = validated(DriveTable, completed(plain), path)
     wheels = Wheels(file, path)
     of = read_bodies(file, wheels.shafts, path)

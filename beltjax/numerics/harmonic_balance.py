@@ -112,7 +112,9 @@ def preconditioner(
 
     Constant tangents act on each harmonic alone, so that it costs one inverse a harmonic.
     """
-    K, C = (jnp.mean(part, axis=0) for part in _tangents(system, X, _sampling(len(X) // 2, samples)))
+    K, C = (
+        jnp.mean(part, axis=0) for part in _tangents(system, X, _sampling(len(X) // 2, samples))
+    )
     w = system.frequency * jnp.arange(len(X) // 2 + 1)[:, None, None]
     pencils = (system.stiffness + K) - w**2 * system.mass + 1j * w * (system.damping + C)
     if system.neutral is not None:

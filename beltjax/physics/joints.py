@@ -5,15 +5,17 @@
     k, c   its stiffness and damping while it is engaged
 
 The linear drive has every joint engaged: what a joint does otherwise is a force beside it.
-docs/theory/motion.md, (O7).
+docs/theory/motion.md, (O7); decouplers and rigid clutches are those of `set_valued`.
 """
 
 import equinox as eqx
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 Scalar = Float[Array, ""]
 State = Float[Array, " size"]
+
+SPRING, SPRING_CLUTCH, DECOUPLER, RIGID_CLUTCH = 0.0, 1.0, 2.0, 3.0
 
 
 class Joints(eqx.Module):
@@ -24,20 +26,43 @@ class Joints(eqx.Module):
     steady: Float[Array, " joints"]  # x0
     stiffness: Float[Array, " joints"]
     damping: Float[Array, " joints"]
-    clutch: Float[Array, " joints"]  # 1: it lets the hub overrun; 0: a spring
+    law: Float[Array, " joints"]  # one of those above
+    stops: Float[Array, "joints 2"]  # wind-ups beyond which it meets stiffer springs
+    stop_stiffness: Float[Array, " joints"]  # of those
+
+    @property
+    def clutch(self) -> Bool[Array, " joints"]:
+        """Whether it lets the hub overrun and remembers the angle."""
+        return self.law == SPRING_CLUTCH
+
+    @property
+    def one_way(self) -> Bool[Array, " joints"]:
+        """Whether its torque is that of an element of `set_valued`."""
+        return self.law >= DECOUPLER
 
     def wind_ups(self, z: State, theta: Scalar | float = 0.0) -> Float[Array, " joints"]:
-        """Wind-up of each joint; a clutch is open where it is negative."""
+        """Wind-up of each joint; a spring clutch is open where it is negative."""
         return self.steady + self.rows @ z + self.driving * theta
 
-    def force(self, z: State, rate: State, theta: Scalar, turning: Scalar) -> State:
-        """Force on the coordinates beside that of engaged joints (O7).
+    def stopped(self, wind_ups: Float[Array, " joints"]) -> Float[Array, " joints"]:
+        """Torque of the stops on each hub, at these wind-ups."""
+        least, greatest = self.stops.T
+        past = jnp.where(wind_ups > greatest, wind_ups - greatest, 0.0)
+        short = jnp.where(wind_ups < least, wind_ups - least, 0.0)
+        return self.stop_stiffness * (past + short)
 
-        `theta` is the driver's rotation, and `turning` its rate.
+    def force(self, z: State, rate: State, theta: Scalar, turning: Scalar) -> State:
+        """Force on the coordinates beside that of engaged joints (O7), (O12).
+
+               That is without the torques of the joints that are `one_way`.
+        `theta` is the driver's
+               rotation, and `turning` its rate.
         """
-        engaged = self.stiffness * self.wind_ups(z, theta)
+        wind_ups = self.wind_ups(z, theta)
+        engaged = self.stiffness * wind_ups
         damped = self.damping * (self.rows @ rate + self.driving * turning)
         # The torque of a clutch is max(engaged + damped, 0) where it is wound up, else 0.
         pulls = (engaged > 0) & (engaged + damped > 0)
-        lost = jnp.where(pulls, 0.0, engaged + damped) * self.clutch
-        return -lost @ self.rows
+        kept = ~self.one_way & (pulls | ~self.clutch)
+        stopped = jnp.where(self.one_way, 0.0, self.stopped(wind_ups))
+        return (stopped - jnp.where(kept, 0.0, engaged + damped)) @ self.rows

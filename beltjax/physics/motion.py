@@ -9,10 +9,10 @@
 Spans stretch quasi-statically, so that all that is nonlinear in a drive is one number a span: the
 functions have unit slopes, and N is half the sum of their squares and a quadratic form of the
 bodies' coordinates. M, G and K are those of `vibration`; docs/theory/motion.md, (O1) to (O5), and
-(O9) for belts whose speed varies.
+(O12) for belts whose speed varies.
 """
 
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -22,6 +22,7 @@ from jaxtyping import Array, Float
 from beltjax.numerics.loops import Loops
 from beltjax.numerics.rigid_bodies import Bodies, moved
 from beltjax.physics.accessories import Accessories
+from beltjax.physics.friction import Friction
 from beltjax.physics.joints import Joints
 from beltjax.physics.vibration import VibrationModel
 
@@ -72,7 +73,7 @@ class SpanPaths(eqx.Module):
 
 
 class BeltSpeed(eqx.Module):
-    """What the drive's belts do beside (O2) where the speed of the driver varies (O9)."""
+    """What the drive's belts do beside (O2) where the speed of the driver varies (O12)."""
 
     gyroscopic: Float[Array, "size size"]  # G per unit of the driver's speed
     centrifugal: Spans  # lam mu s^2 at unit speed of the driver
@@ -90,6 +91,16 @@ class BeltSpeed(eqx.Module):
         return carried + gained * (self.accelerated @ z + self.bent)
 
 
+class Driving(NamedTuple):
+    """What the driver does at one time; dimensionless."""
+
+    theta: Scalar  # its rotation beyond that at its mean speed
+    rate: Scalar  # of that
+    acceleration: Scalar
+    faster: Scalar | float = 0.0  # its mean speed beyond that of the steady state
+    rise: Scalar | float = 0.0  # acceleration of the mean speed
+
+
 class MotionModel(eqx.Module):
     """The numbers of a drive in one steady state: M z'' + C z' + force = 0 without excitation."""
 
@@ -102,8 +113,8 @@ class MotionModel(eqx.Module):
     pull: Spans  # lam Q
     bodies: Float[Array, "spans coordinates coordinates"]  # N of the bodies is q.bodies q/2 ..
     paths: SpanPaths | None  # .. and what these add to it; None: nothing
-    friction: Float[Array, " coordinates"]  # dry, of the bodies
-    friction_speed: Float[Array, " coordinates"]
+    gains: Spans  # gamma: tension that a span gains by its strain
+    friction: Friction  # dry, of the bodies
     joints: Joints | None  # those of pulleys that are not springs alone
     speed: BeltSpeed | None  # None: that of the steady state all the time
     accessories: Accessories | None  # those whose torques depend on speed
@@ -158,8 +169,8 @@ def projected(model: MotionModel, shapes: Float[Array, "spans n fewer"]) -> Moti
         pull=m.pull,
         bodies=m.bodies,
         paths=m.paths,
+        gains=m.gains,
         friction=m.friction,
-        friction_speed=m.friction_speed,
         speed=speed,
         joints=fewer_columns(m.joints),
         accessories=fewer_columns(m.accessories),
@@ -195,7 +206,7 @@ def stretching(
 ) -> State:
     """The force of the spans' stretch without its part K z, which is linear in z (O2).
 
-    Of the tension that pulls on slopes and bodies `relief` is taken off (O9).
+    Of the tension that pulls on slopes and bodies `relief` is taken off (O12).
     """
     m = model
     N, back = jax.vjp(lambda z: beyond_linear(m, z), z)
@@ -208,11 +219,35 @@ def stretching(
     return beyond @ m.elongations + force
 
 
-def dry_friction(model: MotionModel, rate: State) -> State:
-    """The force of dry friction against the bodies' motion, T tanh(q'/v) (O5)."""
-    count = len(model.friction)
-    on_bodies = model.friction * jnp.tanh(rate[len(rate) - count :] / model.friction_speed)
-    return jnp.concatenate([jnp.zeros(len(rate) - count), on_bodies])
+def friction_bounds(
+    model: MotionModel, z: State, theta: Scalar | float
+) -> tuple[Float[Array, " coordinates"], Float[Array, " coordinates"]]:
+    """Least and greatest force of dry friction on each body."""
+    none = model.friction.loaded is None
+    gains = jnp.zeros_like(model.gains) if none else model.gains * strains(model, z, theta)
+    return model.friction.bounds(model.parts(z)[1], gains)
+
+
+def dry_friction(model: MotionModel, z: State, rate: State, theta: Scalar | float) -> State:
+    """The force of smooth dry friction against the bodies' motion (O5)."""
+    moved = len(rate) - len(model.friction.constant)
+    on_bodies = model.friction.smooth(rate[moved:], *friction_bounds(model, z, theta))
+    return jnp.concatenate([jnp.zeros(moved), on_bodies])
+
+
+def beside_linear(model: MotionModel, z: State, rate: State, now: Driving) -> State:
+    """All forces of the drive itself beside M z'' + C z' + K z, on the same side."""
+    m, relief = model, 0.0
+    found = dry_friction(m, z, rate, now.theta)
+    if m.joints is not None:
+        found = found + m.joints.force(z, rate, now.theta, now.rate)
+    if m.accessories is not None:
+        found = found + m.accessories.force(rate, now.faster)
+    if m.speed is not None:
+        omega = m.speed.omega0 + now.faster + now.rate
+        relief = m.speed.relief(omega)
+        found = found + m.speed.force(z, rate, omega, now.rise + now.acceleration)
+    return found + stretching(m, z, now.theta, relief)
 
 
 def energy(model: MotionModel, z: State, rate: State) -> Scalar:

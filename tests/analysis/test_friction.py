@@ -125,6 +125,6 @@ def test_friction_in_a_file(tmp_path):
     again, _ = bj.load_drive(tmp_path / "again.toml")
     assert float(again.tensioner.friction_torque) == 0.5
     assert "[tensioner]" in (tmp_path / "again.toml").read_text()
-    path.write_text(text.replace("inertia = 0.001165", "friction_speed = 0\n", 1))
-    with pytest.raises(bj.FileError, match=r"tensioner\.friction_speed: found 0; must be greater"):
+    path.write_text(text.replace("inertia = 0.001165", "friction_speed = -1\n", 1))
+    with pytest.raises(bj.FileError, match=r"tensioner\.friction_speed: found -1; must not be"):
         bj.load_drive(path)

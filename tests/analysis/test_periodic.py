@@ -15,7 +15,8 @@ from drives import example
 import beltjax as bj
 from beltjax.analysis.damping import damping_matrix
 from beltjax.analysis.motion import Excited, load_series, motion_model, oscillator, span_paths
-from beltjax.analysis.orbit_measures import PeriodicMotion, Signals, measures
+from beltjax.analysis.orbit_measures import Signals, measures
+from beltjax.analysis.orbit_motion import HarmonicMotion
 from beltjax.compiling.quick import quickly_compiled
 from beltjax.numerics.periodic import periodic_orbit
 from beltjax.physics.motion import stretching
@@ -424,8 +425,8 @@ def test_stored_case_of_an_arm_at_large_angles():
         whole = motion_model(lin, MODAL, paths)
         excited = Excited(whole, frequency, driver, load)
         orbit = periodic_orbit(oscillator, excited, 8, 64)
-        motion = PeriodicMotion(orbit.coefficients, driver, frequency, jnp.zeros(()))
-        return orbit, measures(Signals(lin, whole, motion), motion.grid(64))
+        motion = HarmonicMotion(orbit.coefficients, driver, frequency)
+        return orbit, measures(Signals(lin, whole, motion), 64)
 
     orbit, found = quickly_compiled(move)(lin, paths)
     assert orbit.converged

@@ -265,7 +265,7 @@ BAD = {
     "isolator of nothing": (swap(ISOLATORS, '[[isolator]]\npulley = "alternator"', '[[isolator]]\npulley = "dynamo"'), r"isolator\[1\]\.pulley", "no pulley 'dynamo'"),
     "two isolators": (swap(ISOLATORS, '[[isolator]]\npulley = "alternator"', '[[isolator]]\npulley = "crankshaft"'), r"isolator\[1\]\.pulley", "has an isolator already"),
     "rim on two shafts": (swap(TWO_BELTS, '["crankshaft", "crank2"]', '["crankshaft", "fan"]'), r"isolator\[0\]\.pulleys", "on two shafts"),
-    "law": (swap(ISOLATORS, "stiffness = 35.0", 'stiffness = 35.0\nlaw = "decoupler"'), r"isolator\[1\]\.law", "not modeled yet"),
+    "law": (swap(ISOLATORS, "stiffness = 35.0", 'stiffness = 35.0\nlaw = "ratchet"'), r"isolator\[1\]\.law", "not modeled yet"),
     "one way": (swap(ISOLATORS, "stiffness = 35.0", "stiffness = 35.0\none_way = true"), r"isolator\[1\]\.one_way", "not modeled yet"),
     "damper of nothing": (swap(ISOLATORS, '[[damper]]\npulley = "crankshaft"', '[[damper]]\npulley = "crank"'), r"damper\[0\]\.pulley", "no pulley 'crank'"),
     "name of a damper": (ISOLATORS + '\n[[damper]]\nname = "crankshaft"\npulley = "idler"\nstiffness = 1\ninertia = 1\n', r"damper\[1\]\.name", "is used already"),

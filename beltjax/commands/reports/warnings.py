@@ -262,7 +262,7 @@ def periodic_warnings(
         return np.array([np.asarray(of(one)) for _, one in good])
 
     ratios = table(lambda one: one.linearization.steady.stiffness_ratios)
-    largest = np.abs(table(lambda one: one.multipliers[0]))[:, None]
+    largest = np.abs(table(_largest_multiplier))[:, None]
     spans, pulleys = drive.span_names, drive.pulley_names
     return [
         *_stiff_belts(drive, ratios),
@@ -309,6 +309,11 @@ def transient_warnings(drive: Drive, found: Transient) -> Warnings:
             if np.any(bad)
         ),
     ]
+
+
+def _largest_multiplier(found: PeriodicResponse) -> Any:
+    assert found.multipliers is not None  # the command asks for stability
+    return found.multipliers[0]
 
 
 def _where(
