@@ -249,9 +249,9 @@ else:
             "of the drive is far out of the ordinary. Lower the excitation, or add damping."
         )
         too_many_events = (
-            "Tensioners stick and slip, or clutches open and close, more than 32 times in a "
-            "period. Look for friction that is far out of the ordinary, or give the friction a "
-            "friction_speed."
+            "Tensioners stick and slip, or clutches open and close, more often than is followed: "
+            "32 times in a period of shooting, and max_events times in a transient. Look for "
+            "friction that is far out of the ordinary, or give the friction a friction_speed."
         )
         grazing = (
             "An event of the motion only just happens: a tensioner that barely stops or slips, or "

@@ -23,6 +23,7 @@ from beltjax.drive.components import concrete
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis, Legendre
+from beltjax.physics.joints import DECOUPLER
 from beltjax.physics.motion import MotionModel, projected
 
 FINE = 32  # Legendre functions from which the layered ones are combined
@@ -88,6 +89,21 @@ def moving(drive: Drive, point: OperatingPoint, asked: ModelAsked) -> Moving:
     else:
         shapes = jnp.broadcast_to(jnp.eye(basis.size), (lin.spans, basis.size, basis.size))
     return Moving(lin, whole, shapes, projected(whole, shapes))
+
+
+def law_with_modes(drive: Drive) -> str | None:
+    """What of the drive has a law with modes; None also where the numbers are traced."""
+    for body in drive.tensioners:
+        numbers = body.friction_torque, body.friction_hub, body.friction_spring
+        friction, speed = [concrete(number) for number in numbers], concrete(body.friction_speed)
+        dry = any(number is not None and number.any() for number in friction)
+        if dry and speed is not None and not speed.all():
+            return f"tensioner {body.name!r} with friction_speed = 0"
+    for part in drive.isolators:
+        law = concrete(part.law)
+        if law is not None and (law >= DECOUPLER).any():
+            return f"isolator {part.name!r} with its law"
+    return None
 
 
 def any_of(flags: Sequence[Array]) -> bool:

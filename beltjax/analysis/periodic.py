@@ -16,14 +16,21 @@ from beltjax.analysis.motion import (
     oscillator,
     widened,
 )
-from beltjax.analysis.moving import ModelAsked, any_of, counted, moving, require_functions
+from beltjax.analysis.moving import (
+    ModelAsked,
+    any_of,
+    counted,
+    law_with_modes,
+    moving,
+    require_functions,
+)
 from beltjax.analysis.orbit_measures import Measures, OverTime, Signals, friction_use, measures
 from beltjax.analysis.orbit_motion import HarmonicMotion, SteppedMotion
 from beltjax.analysis.orders import Forcing, Orders, given_forcing
 from beltjax.analysis.shooting import shot_system
 from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.canonical import canonical, strongly_typed
-from beltjax.drive.components import as_real, concrete
+from beltjax.drive.components import as_real
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis
@@ -35,7 +42,6 @@ from beltjax.numerics.periodic import (
     periodic_orbit,
 )
 from beltjax.numerics.shooting import ShotOrbit, shot_multipliers, shot_orbit
-from beltjax.physics.joints import DECOUPLER
 from beltjax.physics.motion import MotionModel
 from beltjax.physics.set_valued import has_modes
 from beltjax.results import (
@@ -261,7 +267,7 @@ def _method(
 
     Raises `ValueError` for one that does not, as far as the numbers are known.
     """
-    found = _law_with_modes(drive)
+    found = law_with_modes(drive)
     if method is None:
         method = HarmonicBalance() if found is None else Shooting()
     if isinstance(method, HarmonicBalance) and found is not None:
@@ -275,21 +281,6 @@ def _method(
             "HarmonicBalance() and laws without modes."
         )
     return method
-
-
-def _law_with_modes(drive: Drive) -> str | None:
-    """What of the drive has a law with modes; None also where the numbers are traced."""
-    for body in drive.tensioners:
-        numbers = body.friction_torque, body.friction_hub, body.friction_spring
-        friction, speed = [concrete(number) for number in numbers], concrete(body.friction_speed)
-        dry = any(number is not None and number.any() for number in friction)
-        if dry and speed is not None and not speed.all():
-            return f"tensioner {body.name!r} with friction_speed = 0"
-    for part in drive.isolators:
-        law = concrete(part.law)
-        if law is not None and (law >= DECOUPLER).any():
-            return f"isolator {part.name!r} with its law"
-    return None
 
 
 def _forcing(

@@ -7,10 +7,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from beltjax.analysis.damping import Damping
-from beltjax.analysis.driver_motion import CrankSignal, Driven, DriverMotion, driver_motion
+from beltjax.analysis.driver_motion import CrankSignal, DriverMotion, driver_motion
 from beltjax.analysis.linearization import Linearization
 from beltjax.analysis.motion import (
     driver_speed,
@@ -24,6 +24,7 @@ from beltjax.analysis.moving import (
     ModelAsked,
     Moving,
     counted,
+    law_with_modes,
     moving,
     require_functions,
 )
@@ -39,15 +40,19 @@ from beltjax.drive.readable import Readable
 from beltjax.drive.shafts import transmission
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis
+from beltjax.numerics.hybrid import ABOVE, BELOW, ENGAGED, HybridSystem, Mode
 from beltjax.numerics.time_integration import (
     DERIVATIVES,
     METHODS,
     How,
     Integrated,
     integrated,
+    integrated_through_events,
     require_diffrax,
 )
-from beltjax.physics.motion import Driving, MotionModel, beside_linear, dry_friction
+from beltjax.physics.joints import DECOUPLER, SPRING
+from beltjax.physics.motion import Driving, MotionModel, beside_linear, friction_bounds
+from beltjax.physics.set_valued import has_modes, hybrid_drive
 from beltjax.results import (
     RESULTS,
     first_failure,
@@ -176,6 +181,8 @@ class SampledMotion(AbstractMotion):
     values: Float[Array, "times size"]  # of fewer functions than the linearization's
     rates: Float[Array, "times size"]
     accelerations: Float[Array, "times size"]
+    modes: Int[Array, "times elements"]  # of a drive whose laws have none: no elements
+    overruns: Float[Array, " joints"]  # [rad]
     shapes: Float[Array, "spans n functions"]
     driver: DriverMotion
     start: Scalar  # [s]
@@ -218,27 +225,40 @@ class SampledMotion(AbstractMotion):
     def friction_work(self, model: MotionModel, grid: Grid) -> Float[Array, " tensioners"]:
         """Work of dry friction over the motion, of each body."""
         count = len(model.friction.constant)
+        modes = self.modes[:, :count] if self.modes.shape[1] else jnp.zeros((len(grid.at), count))
 
-        def power(at: Scalar) -> Float[Array, " tensioners"]:
-            rate = self.rate(at)
-            force = dry_friction(model, self.at(at), rate, self.turned(at))
-            return (force * rate)[len(rate) - count :]
+        def power(at: Scalar, mode: Array) -> Float[Array, " tensioners"]:
+            rate, z, theta = self.rate(at), self.at(at), self.turned(at)
+            bodies = rate[len(rate) - count :]
+            low, high = friction_bounds(model, z, theta)
+            held = jnp.where(mode == ABOVE, high, jnp.where(mode == BELOW, low, 0.0))
+            return (model.friction.smooth(bodies, low, high) + held) * bodies
 
-        return self.duration * (grid.weights @ jax.vmap(power)(grid.at))
+        return self.duration * (grid.weights @ jax.vmap(power)(grid.at, modes))
 
     def stuck(self, model: MotionModel) -> Float[Array, " tensioners"]:
-        """Smooth friction holds no body."""
-        return jnp.zeros_like(model.friction.constant)
+        """Part of the time in which friction holds each body; smooth friction holds none."""
+        count = len(model.friction.constant)
+        if not self.modes.shape[1]:
+            return jnp.zeros(count)
+        return self._fractions((self.modes[:, :count] == ENGAGED) & model.friction.holds())
+
+    def _fractions(self, flags: Bool[Array, "times items"]) -> Float[Array, " items"]:
+        return _weights(self.times) @ flags.astype(float) / self.duration
 
     def overrun(self, model: MotionModel) -> Float[Array, " joints"]:
-        """Springs and spring clutches have none that stays."""
-        return jnp.zeros(0 if model.joints is None else len(model.joints.rows))
+        """Angle by which the hub of each joint gains on its rim over the motion [rad]."""
+        return self.overruns
 
     def open(
         self, model: MotionModel, wound: Float[Array, "times joints"], weights: Array
     ) -> Float[Array, " joints"]:
-        """Part of the time in which each clutch is open, without a derivative."""
-        return open_clutches(model, wound, weights)
+        """Part of the time in which each joint is open, without a derivative."""
+        found = open_clutches(model, wound, weights)
+        if model.joints is None or not self.modes.shape[1]:
+            return found
+        joints = self.modes[:, len(model.friction.constant) :]
+        return found + self._fractions((joints == BELOW) & model.joints.one_way)
 
     def _time(self, at: Scalar) -> Scalar:
         return self.start + self.unit * at
@@ -295,6 +315,7 @@ class _Asked(ModelAsked):
     signal: CrankSignal | None
     initial: tuple[State, State] | None
     saves: Float[Array, " times"]  # [s]
+    stepping: bool = eqx.field(static=True)  # from event to event
 
 
 class Equations(eqx.Module):
@@ -311,21 +332,33 @@ class Equations(eqx.Module):
 
     def acceleration(self, z: State, rate: State, t: Scalar) -> State:
         """Acceleration at a time of the equations, docs/theory/motion.md, (O13)."""
-        m, driven = self.model, self.driver.at(self.start + self.unit * t)
-        now = self._driving(driven)
+        m, now = self.model, self.driving(t)
         force = m.damping @ rate + m.stiffness @ z + beside_linear(m, z, rate, now)
-        force = force + now.rise * self.carried - driven.torques @ self.by_torque
-        force = force + jnp.stack([now.theta, now.rate, now.acceleration]) @ self.by_driver
-        return -self.inverse @ force
+        return -self.inverse @ (force - self.load(t, now))
 
-    def _driving(self, driven: Driven) -> Driving:
+    def load(self, t: Scalar, now: Driving) -> State:
+        """What acts on the coordinates beside the drive itself."""
+        torques = self.driver.at(self.start + self.unit * t).torques
+        passed = jnp.stack([now.theta, now.rate, now.acceleration]) @ self.by_driver
+        return torques @ self.by_torque - passed - now.rise * self.carried
+
+    def system(self) -> HybridSystem:
+        """The same with the laws that have modes."""
+
+        def load(z: State, rate: State, t: Scalar) -> State:
+            return self.load(t, self.driving(t))
+
+        return hybrid_drive(self.model, self.driving, load)
+
+    def driving(self, t: Scalar) -> Driving:
         """What the driver does, dimensionless."""
-        assert self.model.speed is not None  # as `_begun` asks for
+        driven, speed = self.driver.at(self.start + self.unit * t), self.model.speed
+        assert speed is not None  # as `_begun` asks for
         return Driving(
             theta=driven.theta,
             rate=driven.rate * self.unit,
             acceleration=driven.acceleration * self.unit**2,
-            faster=driven.Omega * self.unit - self.model.speed.omega0,
+            faster=driven.Omega * self.unit - speed.omega0,
             rise=driven.gained * self.unit**2,
         )
 
@@ -333,6 +366,10 @@ class Equations(eqx.Module):
         """The force on a drive that turns steadily as it does at the start, without excitation."""
         m, zero = self.model, jnp.zeros(())
         assert m.speed is not None
+        if m.joints is not None:  # what lets its hub overrun is wound up, as in the steady state
+            wound = jnp.where(m.joints.one_way, SPRING, m.joints.law)
+            m = eqx.tree_at(lambda m: m.joints.law, m, wound)
+            assert m.speed is not None
         now = Driving(zero, zero, zero, self.driver.speeds[0] * self.unit - m.speed.omega0)
         return m.stiffness @ z + beside_linear(m, z, jnp.zeros_like(z), now)
 
@@ -353,6 +390,7 @@ def transient(
     rtol: float = 1e-6,
     atol: float = 1e-8,
     max_steps: int = 2_000_000,
+    max_events: int = 500,
     method: Literal["explicit", "implicit"] = "explicit",
     derivatives: Literal["reverse", "forward"] = "reverse",
     advance: Callable[[str, int, int | None], None] | None = None,
@@ -369,8 +407,8 @@ def transient(
     `initial` says, whose speed is then that of the model.
 
     The result is that of the steady state, or `steady_state_not_found` at the first speed,
-    `numbers_unusable`, `too_many_steps`, or `motion_not_finite`. With `throw=False` read
-    `.result`: a failed motion is zero. A success may carry a `.warning`: `span_slack_in_motion`,
+    `numbers_unusable`, `too_many_steps`, `too_many_events`, or `motion_not_finite`. With
+    `throw=False` read `.result`: a failed motion is zero. A success may carry a `.warning`: `span_slack_in_motion`,
     `slope_too_large` or `belt_slips_in_motion`, in this order. One program serves all numbers; of
     another number of times, knots or orders it is compiled anew.
 
@@ -393,9 +431,11 @@ def transient(
         damping: `Damping()` unless given, which counts the drive's own dampers.
         rtol: tolerance of a step over the size of the motion, whose other part is
         atol: in the dimensionless coordinates.
-        max_steps: steps after which it is given up.
+        max_steps: steps after which it is given up, and of a law with modes a part without events.
+        max_events: events after which it is given up: stops and slips of tensioners whose
+            `friction_speed` is 0, and of decouplers and rigid clutches.
         method: "explicit", or "implicit", which is for dry friction with a very small
-            `friction_speed`.
+            `friction_speed` above 0.
         derivatives: the mode in which JAX may differentiate it, "reverse" or "forward"; forward is
             for few parameters.
         advance: function that is called as `advance(stage, done, total)` as time goes on. JAX
@@ -419,7 +459,7 @@ def transient(
         >>> found.measures.tension_min, found.peak_speeds.tensions
     """
     require_diffrax()
-    _require_options(method, derivatives, functions, max_steps)
+    _require_options(method, derivatives, functions, min(max_steps, max_events))
     times, speeds = _profile(drive, point, duration, profile)
     given = _excitation(point, orders)
     forcing, base = _forcing(drive, given)
@@ -438,8 +478,9 @@ def transient(
         signal=crank,
         initial=_initial(initial),
         saves=_saves(saves, times, speeds, given),
+        stepping=law_with_modes(drive) is not None,
     )
-    how = How(as_real(rtol), as_real(atol), max_steps, method, derivatives)
+    how = How(as_real(rtol), as_real(atol), max_steps, max_events, method, derivatives)
     asked, numbers = strongly_typed(asked), canonical(drive, point)
     begun = _begun(*numbers, asked)
     run = _integrated_in_parts(begun, how, advance)
@@ -447,7 +488,7 @@ def transient(
     return raise_unless_successful(found, found.result, throw)
 
 
-def _require_options(method: str, derivatives: str, functions: int, max_steps: int) -> None:
+def _require_options(method: str, derivatives: str, functions: int, least: int) -> None:
     for name, word, known in (
         ("method", method, METHODS),
         ("derivatives", derivatives, DERIVATIVES),
@@ -455,8 +496,8 @@ def _require_options(method: str, derivatives: str, functions: int, max_steps: i
         if word not in known:
             raise ValueError(f"{name}: found {word!r}; give {' or '.join(known)}.")
     require_functions(functions)
-    if max_steps < 1:
-        raise ValueError(f"max_steps: found {max_steps}; give at least 1.")
+    if least < 1:
+        raise ValueError(f"max_steps, max_events: found {least}; give at least 1.")
 
 
 def _profile(
@@ -571,7 +612,8 @@ class Begun(NamedTuple):
 
     made: Moving
     equations: Equations
-    state: tuple[State, State]  # coordinates and rates
+    state: State  # coordinates and rates, and wind-ups
+    mode: Mode
     saves: Float[Array, " times"]  # dimensionless, from 0
     kinks: Float[Array, " kinks"]  # likewise
     reference: Scalar  # speed of the driver [rad/s]
@@ -606,30 +648,45 @@ def _begun(drive: Drive, point: OperatingPoint, asked: _Asked) -> Begun:
     if asked.initial is None:
         z, near = _rest(equations)
         now = driver.at(asked.times[0])
-        state = z + now.theta * rigid, now.rate * equations.unit * rigid
+        parts = z + now.theta * rigid, now.rate * equations.unit * rigid
     else:
         near = jnp.array(True)
-        state = tuple(narrowed(shapes, part) for part in asked.initial)
-        state = state[0], state[1] * equations.unit
+        z, rates = (narrowed(shapes, part) for part in asked.initial)
+        parts = z, rates * equations.unit
+    state, mode = jnp.concatenate(parts), jnp.zeros(0, int)
+    if asked.stepping:
+        state = jnp.concatenate([state, _wind_ups(equations, parts[0])])
+        mode = equations.system().started(state, jnp.zeros(()))
     stuck = jnp.any(
         jax.vmap(lambda speed: _stands_still(drive, about, speed))(asked.speeds)
     ) if point.load else jnp.array(False)  # fmt: skip
-    finite = jnp.all(jnp.isfinite(jnp.stack([driver.at(asked.times[0]).theta, *state[0]])))
+    finite = jnp.all(jnp.isfinite(state))
     result = first_failure(
         (~succeeded(lin.result), lin.result),
         (stuck | ~finite | (asked.saves[0] != asked.times[0]), RESULTS.numbers_unusable),
         (~near, RESULTS.steady_state_not_found),
+        (has_modes(small) & ~jnp.asarray(asked.stepping), RESULTS.motion_has_modes),
     )
     begun = Begun(
         made=made,
         equations=equations,
         state=state,
+        mode=mode,
         saves=(asked.saves - asked.times[0]) / equations.unit,
         kinks=(asked.times[1:-1] - asked.times[0]) / equations.unit,
         reference=reference,
         result=result,
     )
     return frozen_where_failed(begun, result)
+
+
+def _wind_ups(equations: Equations, z: State) -> Float[Array, " joints"]:
+    """Wind-ups of the springs of decouplers; 0 of other joints."""
+    joints = equations.model.joints
+    if joints is None:
+        return jnp.zeros(0)
+    theta = equations.driving(jnp.zeros(())).theta
+    return jnp.where(joints.law == DECOUPLER, jnp.maximum(joints.wind_ups(z, theta), 0.0), 0.0)
 
 
 def _stands_still(drive: Drive, point: OperatingPoint, speed: Scalar) -> Bool[Array, ""]:
@@ -661,64 +718,81 @@ def _rest(equations: Equations) -> tuple[State, Bool[Array, ""]]:
 def _integrated_in_parts(
     begun: Begun, how: How, advance: Callable[[str, int, int | None], None] | None
 ) -> Integrated:
-    count = len(begun.saves) - 1
+    count, equations, at = len(begun.saves) - 1, begun.equations, (begun.state, begun.mode)
     if advance is None or count % _PARTS:
-        return _integrated(begun.equations, begun.state, begun.saves, begun.kinks, how)
-    size, state, parts = count // _PARTS, begun.state, []
+        return _integrated(equations, at, begun.saves, begun.kinks, how)
+    size, parts = count // _PARTS, []
     for k in range(_PARTS):
         advance("moving", k, _PARTS)
         times = begun.saves[k * size : (k + 1) * size + 1]
-        one = _integrated(begun.equations, state, times, begun.kinks, how)
+        one = _integrated(equations, at, times, begun.kinks, how)
         parts.append(one)
-        state = one.z[-1], one.rates[-1]
-        if not np.isfinite(np.asarray(one.z[-1])).all():
+        at = one.states[-1], one.modes[-1]
+        if not np.isfinite(np.asarray(one.states[-1])).all():
             break
     advance("moving", _PARTS, _PARTS)
     lost = count - size * len(parts)
 
-    def joined(first: Array, *rest: Array) -> Array:
+    def joined(first: Array, *rest: Array, fill: float) -> Array:
         whole = jnp.concatenate([first, *(one[1:] for one in rest)])
-        return jnp.concatenate([whole, jnp.full((lost, whole.shape[1]), jnp.inf)])
+        left = jnp.full((lost, whole.shape[1]), fill, whole.dtype)
+        return jnp.concatenate([whole, left])
+
+    def counted_over(field: str) -> Array:
+        return jnp.sum(jnp.stack([getattr(one, field) for one in parts]))
 
     return Integrated(
-        z=joined(*(one.z for one in parts)),
-        rates=joined(*(one.rates for one in parts)),
-        steps=jnp.sum(jnp.stack([one.steps for one in parts])),
-        rejected=jnp.sum(jnp.stack([one.rejected for one in parts])),
+        states=joined(*(one.states for one in parts), fill=np.inf),
+        modes=joined(*(one.modes for one in parts), fill=0),
+        steps=counted_over("steps"),
+        rejected=counted_over("rejected"),
+        events=counted_over("events"),
         exhausted=parts[-1].exhausted,
+        crowded=parts[-1].crowded,
     )
 
 
 @long_boundary_jit
 def _integrated(
     equations: Equations,
-    state: tuple[State, State],
+    start: tuple[State, Mode],
     times: Float[Array, " times"],
     kinks: Float[Array, " kinks"],
     how: How,
 ) -> Integrated:
-    def acceleration(z: State, rate: State, t: Scalar, equations: Equations) -> State:
-        return equations.acceleration(z, rate, t)
+    state, mode = start
+    if len(mode):
+        return integrated_through_events(Equations.system, equations, start, times, kinks, how)
+    size = len(equations.inverse)
 
-    return integrated(acceleration, equations, state, times, kinks, how)
+    def rate(x: State, t: Scalar, equations: Equations) -> State:
+        gained = equations.acceleration(x[:size], x[size:], t)
+        return jnp.concatenate([x[size:], gained])
+
+    return integrated(rate, equations, state, times, kinks, how)
 
 
 @boundary_jit
 def _described(drive: Drive, begun: Begun, run: Integrated) -> Transient:
     lin, equations = begun.made.linearization, begun.equations
-    finite = jnp.all(jnp.isfinite(run.z)) & jnp.all(jnp.isfinite(run.rates))
+    finite = jnp.all(jnp.isfinite(run.states))
     result = first_failure(
         (~succeeded(begun.result), begun.result),
         (run.exhausted, RESULTS.too_many_steps),
+        (run.crowded, RESULTS.too_many_events),
         (~finite, RESULTS.motion_not_finite),
     )
     good = succeeded(result)
-    z, rates = (jnp.where(good, part, 0.0) for part in (run.z, run.rates))
+    states = jnp.where(good, run.states, 0.0)
+    gained = jnp.where(good, _accelerations(begun, states, run.modes), 0.0)
+    size = len(equations.inverse)
     motion = SampledMotion(
         times=begun.saves,
-        values=z,
-        rates=rates,
-        accelerations=jnp.where(good, jax.vmap(equations.acceleration)(z, rates, begun.saves), 0.0),
+        values=states[:, :size],
+        rates=states[:, size : 2 * size],
+        accelerations=gained,
+        modes=run.modes,
+        overruns=_overruns(equations, begun.saves, states),
         shapes=begun.made.shapes,
         driver=equations.driver,
         start=equations.start,
@@ -748,9 +822,38 @@ def _described(drive: Drive, begun: Begun, run: Integrated) -> Transient:
             (jnp.max(found.slope_max) > STEEPEST, RESULTS.slope_too_large),
             (jnp.max(use) > 1, RESULTS.belt_slips_in_motion),
         ),
-        stats={"steps": run.steps, "rejected": run.rejected},
+        stats={"steps": run.steps, "rejected": run.rejected, "events": run.events},
     )
     return frozen_where_failed(answer, result)
+
+
+def _accelerations(
+    begun: Begun, states: Float[Array, "times states"], modes: Int[Array, "times elements"]
+) -> Float[Array, "times size"]:
+    """Accelerations at the times that were kept."""
+    of, size = begun.equations, len(begun.equations.inverse)
+    if not modes.shape[1]:
+        rates = states[:, size:]
+        return jax.vmap(of.acceleration)(states[:, :size], rates, begun.saves)
+    return jax.vmap(of.system().rate)(states, begun.saves, modes)[:, size : 2 * size]
+
+
+def _overruns(
+    equations: Equations, times: Float[Array, " times"], states: Float[Array, "times states"]
+) -> Float[Array, " joints"]:
+    """Angle by which the hub of each one-way joint gains on its rim over the motion [rad]."""
+    joints, size = equations.model.joints, len(equations.inverse)
+    if joints is None:
+        return jnp.zeros(0)
+    if states.shape[1] == 2 * size:
+        return jnp.zeros(len(joints.rows))
+
+    def unwound(k: int) -> Float[Array, " joints"]:
+        """Wind-up of the spring less that of the joint."""
+        theta = equations.driving(times[k]).theta
+        return states[k, 2 * size :] - joints.wind_ups(states[k, :size], theta)
+
+    return jnp.where(joints.one_way, unwound(-1) - unwound(0), 0.0)
 
 
 def _peak_speeds(

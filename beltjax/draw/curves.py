@@ -144,7 +144,7 @@ def run_up_figure(
     bar = figure.colorbar(mesh, ax=top, location="top", aspect=60, pad=0.01)
     bar.set_label(what, fontsize=9, parse_math=False)
     ends = np.array([min(rpm[0], rpm[-1]), max(rpm[0], rpm[-1])])
-    inside = np.linspace(ends[0], ends[1], 20)[:-1]  # so that the names of orders stay in the picture
+    inside = np.linspace(ends[0], ends[1], 20)[:-1]  # the names of orders stay in the picture
     _draw_orders(top, inside, inside / RPM / (2 * np.pi), orders, spectrum.hertz[-1], "#dfdfdf")
     top.set_ylim(0, spectrum.hertz[-1])
     top.set_ylabel("frequency (Hz)", fontsize=9)
