@@ -1,46 +1,31 @@
 """Transients of a drive at finite amplitude: run-up, coast-down, start, stop, any crank motion."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float
 
 from beltjax.analysis.damping import Damping
-from beltjax.analysis.driver_motion import CrankSignal, DriverMotion, driver_motion
+from beltjax.analysis.driver_motion import CrankSignal
 from beltjax.analysis.linearization import Linearization
-from beltjax.analysis.motion import (
-    driver_speed,
-    narrowed,
-    rigid_rotation,
-    torque_loads,
-    transmitted,
-    widened,
-)
-from beltjax.analysis.moving import (
-    ModelAsked,
-    Moving,
-    counted,
-    law_with_modes,
-    moving,
-    require_functions,
-)
+from beltjax.analysis.motion import driver_speed
+from beltjax.analysis.moving import counted, law_with_modes, require_functions
 from beltjax.analysis.orbit_measures import Measures, OverTime, Signals, friction_use, measures
-from beltjax.analysis.orbit_motion import AbstractMotion, Grid, open_clutches
 from beltjax.analysis.orders import Forcing, Orders, orders_of
 from beltjax.analysis.periodic import STEEPEST, PeriodicResponse
+from beltjax.analysis.sampled_motion import SampledMotion, trapezoid
+from beltjax.analysis.time_equations import Asked, Begun, Equations, accelerations, begun, overruns
 from beltjax.compiling.quick import boundary_jit, long_boundary_jit
 from beltjax.drive.canonical import canonical, strongly_typed
 from beltjax.drive.components import as_real, concrete
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.readable import Readable
-from beltjax.drive.shafts import transmission
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis
-from beltjax.numerics.hybrid import ABOVE, BELOW, ENGAGED, HybridSystem, Mode
+from beltjax.numerics.hybrid import Mode
 from beltjax.numerics.time_integration import (
     DERIVATIVES,
     METHODS,
@@ -50,9 +35,6 @@ from beltjax.numerics.time_integration import (
     integrated_through_events,
     require_diffrax,
 )
-from beltjax.physics.joints import DECOUPLER, SPRING
-from beltjax.physics.motion import Driving, MotionModel, beside_linear, friction_bounds
-from beltjax.physics.set_valued import has_modes, hybrid_drive
 from beltjax.results import (
     RESULTS,
     first_failure,
@@ -71,8 +53,6 @@ _PER_TURN = 64  # times of a rotation at the highest speed that are kept, for or
 _LEAST_RATE = 1000.0  # times a second
 _MOST_TIMES = 2**15
 _USUAL_TIMES = 2**10  # where the duration is not known
-_NEWTON = 8  # steps to the state at which the drive begins
-_NEAR = 1e-9  # the last of them, over the size of that state
 _PARTS = 16  # of a motion that reports its progress
 
 
@@ -121,7 +101,7 @@ class Transient(OverTime):
     def time_above(self, values: Float[Array, "times *items"], limit: float) -> Array:
         """For how long each of some values at `times` is above a limit [s]."""
         above = (jnp.asarray(values) > limit).astype(float)
-        return jnp.tensordot(_weights(self.times), above, 1)
+        return jnp.tensordot(trapezoid(self.times), above, 1)
 
     def to_xarray(self, drive: Drive) -> "xarray.Dataset":
         """The motion at its times with named axes, and units in the attributes."""
@@ -171,207 +151,12 @@ class Transient(OverTime):
         )
 
 
-class SampledMotion(AbstractMotion):
-    """A motion by its coordinates, rates and accelerations at times, joined by quintic curves.
-
-    The variable is the dimensionless time from the start on.
-    """
-
-    times: Float[Array, " times"]
-    values: Float[Array, "times size"]  # of fewer functions than the linearization's
-    rates: Float[Array, "times size"]
-    accelerations: Float[Array, "times size"]
-    modes: Int[Array, "times elements"]  # of a drive whose laws have none: no elements
-    overruns: Float[Array, " joints"]  # [rad]
-    shapes: Float[Array, "spans n functions"]
-    driver: DriverMotion
-    start: Scalar  # [s]
-    unit: Scalar  # of time [s]
-    omega0: Scalar  # speed of the driver in the steady state
-    frequency: Scalar  # 1: the variable is the time
-
-    def at(self, phase: Scalar) -> State:
-        """Hermite's interpolation in time."""
-        return widened(self.shapes, self._joined(phase, 0))
-
-    def rate(self, phase: Scalar) -> State:
-        """Its derivative."""
-        return widened(self.shapes, self._joined(phase, 1))
-
-    def turned(self, phase: Scalar) -> Scalar:
-        """The driver's rotation beyond that at its mean speed."""
-        return self.driver.at(self._time(phase)).theta
-
-    def faster(self, phase: Scalar) -> Scalar:
-        """The driver's speed, its rotation included, beyond that of the steady state."""
-        now = self.driver.at(self._time(phase))
-        return (now.Omega + now.rate) * self.unit - self.omega0
-
-    @property
-    def duration(self) -> Scalar:
-        """All of the time."""
-        return self.times[-1]
-
-    def mean(self) -> State:
-        """By the trapezoidal rule."""
-        return widened(self.shapes, _weights(self.times) @ self.values / self.duration)
-
-    def grid(self, samples: int = 0) -> Grid:
-        """The times that were kept."""
-        weights = _weights(self.times) / self.duration
-        ends = self.times[0], self.times[-1]
-        return Grid(self.times, weights, jnp.max(jnp.diff(self.times)), ends)
-
-    def friction_work(self, model: MotionModel, grid: Grid) -> Float[Array, " tensioners"]:
-        """Work of dry friction over the motion, of each body."""
-        count = len(model.friction.constant)
-        modes = self.modes[:, :count] if self.modes.shape[1] else jnp.zeros((len(grid.at), count))
-
-        def power(at: Scalar, mode: Array) -> Float[Array, " tensioners"]:
-            rate, z, theta = self.rate(at), self.at(at), self.turned(at)
-            bodies = rate[len(rate) - count :]
-            low, high = friction_bounds(model, z, theta)
-            held = jnp.where(mode == ABOVE, high, jnp.where(mode == BELOW, low, 0.0))
-            return (model.friction.smooth(bodies, low, high) + held) * bodies
-
-        return self.duration * (grid.weights @ jax.vmap(power)(grid.at, modes))
-
-    def stuck(self, model: MotionModel) -> Float[Array, " tensioners"]:
-        """Part of the time in which friction holds each body; smooth friction holds none."""
-        count = len(model.friction.constant)
-        if not self.modes.shape[1]:
-            return jnp.zeros(count)
-        return self._fractions((self.modes[:, :count] == ENGAGED) & model.friction.holds())
-
-    def _fractions(self, flags: Bool[Array, "times items"]) -> Float[Array, " items"]:
-        return _weights(self.times) @ flags.astype(float) / self.duration
-
-    def overrun(self, model: MotionModel) -> Float[Array, " joints"]:
-        """Angle by which the hub of each joint gains on its rim over the motion [rad]."""
-        return self.overruns
-
-    def open(
-        self, model: MotionModel, wound: Float[Array, "times joints"], weights: Array
-    ) -> Float[Array, " joints"]:
-        """Part of the time in which each joint is open, without a derivative."""
-        found = open_clutches(model, wound, weights)
-        if model.joints is None or not self.modes.shape[1]:
-            return found
-        joints = self.modes[:, len(model.friction.constant) :]
-        return found + self._fractions((joints == BELOW) & model.joints.one_way)
-
-    def _time(self, at: Scalar) -> Scalar:
-        return self.start + self.unit * at
-
-    def _joined(self, at: Scalar, order: int) -> State:
-        """The quintic between two times, or its derivative."""
-        k = jnp.clip(jnp.searchsorted(self.times, at, side="right") - 1, 0, len(self.times) - 2)
-        h = self.times[k + 1] - self.times[k]
-        x = (at - self.times[k]) / h
-        first, last = (
-            jnp.stack([self.values[j], h * self.rates[j], h**2 * self.accelerations[j]])
-            for j in (k, k + 1)
-        )
-        # By products: JAX has no derivative of 0 ** 0.
-        powers = jnp.concatenate([jnp.ones(1), jnp.cumprod(jnp.full(5, x))])
-        if order:
-            powers = jnp.concatenate([jnp.zeros(1), np.arange(1, 6) * powers[:-1]]) / h
-        return (powers @ _QUINTIC) @ jnp.concatenate([first, last])
-
-
-# Coefficients of 1, x, .., x^5 by value, slope and second derivative at 0 and at 1.
-_QUINTIC = np.linalg.inv(
-    [
-        [np.prod(np.arange(k, k - order, -1)) * (x ** max(k - order, 0)) * (k >= order)
-         for k in range(6)]
-        for x in (0.0, 1.0)
-        for order in range(3)
-    ]
-)  # fmt: skip
-
-
-def _weights(times: Float[Array, " times"]) -> Float[Array, " times"]:
-    """Weights of the trapezoidal rule."""
-    steps = jnp.diff(times) / 2
-    none = jnp.zeros(1)
-    return jnp.concatenate([steps, none]) + jnp.concatenate([none, steps])
-
-
 def _middles(signals: Signals, at: Scalar) -> Float[Array, " spans"]:
     """Deflection in the middle of each span [m]."""
     lin, (z, _) = signals.linearization, signals.state(at)
     half = jnp.asarray(0.5)
     middle = jax.vmap(lambda i: lin.deflection(z, i, half))(jnp.arange(lin.spans))
     return middle * lin.model.lam * lin.scales.length
-
-
-class _Asked(ModelAsked):
-    """What a transient is asked for, beside the drive."""
-
-    times: Float[Array, " knots"]  # of the mean speed [s]
-    speeds: Float[Array, " knots"]  # [rad/s]
-    forcing: Forcing
-    base: Scalar
-    signal: CrankSignal | None
-    initial: tuple[State, State] | None
-    saves: Float[Array, " times"]  # [s]
-    stepping: bool = eqx.field(static=True)  # from event to event
-
-
-class Equations(eqx.Module):
-    """M z'' + force = 0 of a drive whose driver's motion is given, dimensionless."""
-
-    model: MotionModel
-    inverse: Float[Array, "size size"]  # of M
-    by_driver: Float[Array, "3 size"]  # force by the driver's angle, rate and acceleration
-    by_torque: Float[Array, "pulleys size"]  # load by torques on hubs
-    carried: State  # inertia of the drive that turns with the driver
-    driver: DriverMotion
-    start: Scalar  # [s]
-    unit: Scalar  # of time [s]
-
-    def acceleration(self, z: State, rate: State, t: Scalar) -> State:
-        """Acceleration at a time of the equations, docs/theory/motion.md, (O13)."""
-        m, now = self.model, self.driving(t)
-        force = m.damping @ rate + m.stiffness @ z + beside_linear(m, z, rate, now)
-        return -self.inverse @ (force - self.load(t, now))
-
-    def load(self, t: Scalar, now: Driving) -> State:
-        """What acts on the coordinates beside the drive itself."""
-        torques = self.driver.at(self.start + self.unit * t).torques
-        passed = jnp.stack([now.theta, now.rate, now.acceleration]) @ self.by_driver
-        return torques @ self.by_torque - passed - now.rise * self.carried
-
-    def system(self) -> HybridSystem:
-        """The same with the laws that have modes."""
-
-        def load(z: State, rate: State, t: Scalar) -> State:
-            return self.load(t, self.driving(t))
-
-        return hybrid_drive(self.model, self.driving, load)
-
-    def driving(self, t: Scalar) -> Driving:
-        """What the driver does, dimensionless."""
-        driven, speed = self.driver.at(self.start + self.unit * t), self.model.speed
-        assert speed is not None  # as `_begun` asks for
-        return Driving(
-            theta=driven.theta,
-            rate=driven.rate * self.unit,
-            acceleration=driven.acceleration * self.unit**2,
-            faster=driven.Omega * self.unit - speed.omega0,
-            rise=driven.gained * self.unit**2,
-        )
-
-    def at_rest(self, z: State) -> State:
-        """The force on a drive that turns steadily as it does at the start, without excitation."""
-        m, zero = self.model, jnp.zeros(())
-        assert m.speed is not None
-        if m.joints is not None:  # what lets its hub overrun is wound up, as in the steady state
-            wound = jnp.where(m.joints.one_way, SPRING, m.joints.law)
-            m = eqx.tree_at(lambda m: m.joints.law, m, wound)
-            assert m.speed is not None
-        now = Driving(zero, zero, zero, self.driver.speeds[0] * self.unit - m.speed.omega0)
-        return m.stiffness @ z + beside_linear(m, z, jnp.zeros_like(z), now)
 
 
 def transient(
@@ -408,8 +193,8 @@ def transient(
 
     The result is that of the steady state, or `steady_state_not_found` at the first speed,
     `numbers_unusable`, `too_many_steps`, `too_many_events`, or `motion_not_finite`. With
-    `throw=False` read `.result`: a failed motion is zero. A success may carry a `.warning`: `span_slack_in_motion`,
-    `slope_too_large` or `belt_slips_in_motion`, in this order. One program serves all numbers; of
+    `throw=False` read `.result`: a failed motion is zero. A success may carry a `.warning`:
+    `span_slack_in_motion`, `slope_too_large` or `belt_slips_in_motion`, in this order. One program serves all numbers; of
     another number of times, knots or orders it is compiled anew.
 
     Args:
@@ -464,7 +249,7 @@ def transient(
     given = _excitation(point, orders)
     forcing, base = _forcing(drive, given)
     _require_signal(crank, times)
-    asked = _Asked(
+    asked = Asked(
         damping=Damping() if damping is None else damping,
         basis=basis,
         functions=functions,
@@ -482,9 +267,9 @@ def transient(
     )
     how = How(as_real(rtol), as_real(atol), max_steps, max_events, method, derivatives)
     asked, numbers = strongly_typed(asked), canonical(drive, point)
-    begun = _begun(*numbers, asked)
-    run = _integrated_in_parts(begun, how, advance)
-    found = _described(numbers[0], begun, run)
+    started = begun(*numbers, asked)
+    run = _integrated_in_parts(started, how, advance)
+    found = _described(numbers[0], started, run)
     return raise_unless_successful(found, found.result, throw)
 
 
@@ -607,114 +392,6 @@ def _saves(
     return times[0] + (times[-1] - times[0]) * jnp.linspace(0.0, 1.0, count + 1)
 
 
-class Begun(NamedTuple):
-    """A drive that is about to move."""
-
-    made: Moving
-    equations: Equations
-    state: State  # coordinates and rates, and wind-ups
-    mode: Mode
-    saves: Float[Array, " times"]  # dimensionless, from 0
-    kinks: Float[Array, " kinks"]  # likewise
-    reference: Scalar  # speed of the driver [rad/s]
-    result: RESULTS
-
-
-@boundary_jit
-def _begun(drive: Drive, point: OperatingPoint, asked: _Asked) -> Begun:
-    lowest, highest = jnp.min(asked.speeds), jnp.max(asked.speeds)
-    reference = (lowest + highest) / 2 if asked.initial is None else asked.speeds[0]
-    about = eqx.tree_at(
-        lambda p: (p.belt_speed, p.driver_speed),
-        point,
-        (None, reference),
-        is_leaf=lambda leaf: leaf is None,
-    )
-    made = moving(drive, about, asked)
-    lin, small, shapes = made.linearization, made.model, made.shapes
-    by_driver = narrowed(shapes, transmitted(lin, asked.damping))
-    rigid = narrowed(shapes, rigid_rotation(lin))
-    driver = driver_motion(asked.times, asked.speeds, asked.forcing, asked.base, asked.signal)
-    equations = Equations(
-        model=small,
-        inverse=jnp.linalg.inv(small.mass),
-        by_driver=by_driver,
-        by_torque=narrowed(shapes, torque_loads(lin)),
-        carried=small.mass @ rigid + by_driver[2],
-        driver=driver,
-        start=asked.times[0],
-        unit=lin.scales.time,
-    )
-    if asked.initial is None:
-        z, near = _rest(equations)
-        now = driver.at(asked.times[0])
-        parts = z + now.theta * rigid, now.rate * equations.unit * rigid
-    else:
-        near = jnp.array(True)
-        z, rates = (narrowed(shapes, part) for part in asked.initial)
-        parts = z, rates * equations.unit
-    state, mode = jnp.concatenate(parts), jnp.zeros(0, int)
-    if asked.stepping:
-        state = jnp.concatenate([state, _wind_ups(equations, parts[0])])
-        mode = equations.system().started(state, jnp.zeros(()))
-    stuck = jnp.any(
-        jax.vmap(lambda speed: _stands_still(drive, about, speed))(asked.speeds)
-    ) if point.load else jnp.array(False)  # fmt: skip
-    finite = jnp.all(jnp.isfinite(state))
-    result = first_failure(
-        (~succeeded(lin.result), lin.result),
-        (stuck | ~finite | (asked.saves[0] != asked.times[0]), RESULTS.numbers_unusable),
-        (~near, RESULTS.steady_state_not_found),
-        (has_modes(small) & ~jnp.asarray(asked.stepping), RESULTS.motion_has_modes),
-    )
-    begun = Begun(
-        made=made,
-        equations=equations,
-        state=state,
-        mode=mode,
-        saves=(asked.saves - asked.times[0]) / equations.unit,
-        kinks=(asked.times[1:-1] - asked.times[0]) / equations.unit,
-        reference=reference,
-        result=result,
-    )
-    return frozen_where_failed(begun, result)
-
-
-def _wind_ups(equations: Equations, z: State) -> Float[Array, " joints"]:
-    """Wind-ups of the springs of decouplers; 0 of other joints."""
-    joints = equations.model.joints
-    if joints is None:
-        return jnp.zeros(0)
-    theta = equations.driving(jnp.zeros(())).theta
-    return jnp.where(joints.law == DECOUPLER, jnp.maximum(joints.wind_ups(z, theta), 0.0), 0.0)
-
-
-def _stands_still(drive: Drive, point: OperatingPoint, speed: Scalar) -> Bool[Array, ""]:
-    """Whether a load takes power at a speed of the driver at which its pulley stands still."""
-    at = eqx.tree_at(lambda p: p.driver_speed, point, speed)
-    return jnp.any(transmission(drive, at).at_standstill)
-
-
-def _rest(equations: Equations) -> tuple[State, Bool[Array, ""]]:
-    """The coordinates of the steady state at the first speed, and whether they were found."""
-    fixed = jax.lax.stop_gradient(equations)
-    none = jnp.zeros(len(equations.inverse))
-
-    def step(_: int, state: tuple[State, State]) -> tuple[State, State]:
-        z = state[0]
-        moved = jnp.linalg.solve(jax.jacfwd(fixed.at_rest)(z), fixed.at_rest(z))
-        return z - moved, moved
-
-    z, last = jax.lax.fori_loop(0, _NEWTON, step, (none, none))
-    near = jnp.linalg.norm(last) <= _NEAR * (jnp.linalg.norm(z) + 1.0)
-    z = jnp.where(near, z, 0.0)
-    slope = jax.jacfwd(fixed.at_rest)(z)
-    # The derivative is that of the equations.
-    left = equations.at_rest(z)
-    z = z - jnp.linalg.solve(slope, left - jax.lax.stop_gradient(left))
-    return z, near
-
-
 def _integrated_in_parts(
     begun: Begun, how: How, advance: Callable[[str, int, int | None], None] | None
 ) -> Integrated:
@@ -784,7 +461,7 @@ def _described(drive: Drive, begun: Begun, run: Integrated) -> Transient:
     )
     good = succeeded(result)
     states = jnp.where(good, run.states, 0.0)
-    gained = jnp.where(good, _accelerations(begun, states, run.modes), 0.0)
+    gained = jnp.where(good, accelerations(begun, states, run.modes), 0.0)
     size = len(equations.inverse)
     motion = SampledMotion(
         times=begun.saves,
@@ -792,7 +469,7 @@ def _described(drive: Drive, begun: Begun, run: Integrated) -> Transient:
         rates=states[:, size : 2 * size],
         accelerations=gained,
         modes=run.modes,
-        overruns=_overruns(equations, begun.saves, states),
+        overruns=overruns(equations, begun.saves, states),
         shapes=begun.made.shapes,
         driver=equations.driver,
         start=equations.start,
@@ -825,35 +502,6 @@ def _described(drive: Drive, begun: Begun, run: Integrated) -> Transient:
         stats={"steps": run.steps, "rejected": run.rejected, "events": run.events},
     )
     return frozen_where_failed(answer, result)
-
-
-def _accelerations(
-    begun: Begun, states: Float[Array, "times states"], modes: Int[Array, "times elements"]
-) -> Float[Array, "times size"]:
-    """Accelerations at the times that were kept."""
-    of, size = begun.equations, len(begun.equations.inverse)
-    if not modes.shape[1]:
-        rates = states[:, size:]
-        return jax.vmap(of.acceleration)(states[:, :size], rates, begun.saves)
-    return jax.vmap(of.system().rate)(states, begun.saves, modes)[:, size : 2 * size]
-
-
-def _overruns(
-    equations: Equations, times: Float[Array, " times"], states: Float[Array, "times states"]
-) -> Float[Array, " joints"]:
-    """Angle by which the hub of each one-way joint gains on its rim over the motion [rad]."""
-    joints, size = equations.model.joints, len(equations.inverse)
-    if joints is None:
-        return jnp.zeros(0)
-    if states.shape[1] == 2 * size:
-        return jnp.zeros(len(joints.rows))
-
-    def unwound(k: int) -> Float[Array, " joints"]:
-        """Wind-up of the spring less that of the joint."""
-        theta = equations.driving(times[k]).theta
-        return states[k, 2 * size :] - joints.wind_ups(states[k, :size], theta)
-
-    return jnp.where(joints.one_way, unwound(-1) - unwound(0), 0.0)
 
 
 def _peak_speeds(

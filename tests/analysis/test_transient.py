@@ -280,3 +280,69 @@ def test_named_axes_and_times_above_a_limit():
     limit = float(np.median(tensions[:, 0]))
     assert found.time_above(tensions, limit)[0] == pytest.approx(0.1, rel=0.01)
     assert found.time_above(tensions[:, 0], 1e6) == 0
+
+
+@pytest.fixture(scope="module")
+def rubbed():
+    """The drive whose tensioner sticks and slips, and its orbit by shooting."""
+    drive, point = THREE
+    friction = jnp.asarray(0.5), jnp.asarray(0.0)
+    dry = eqx.tree_at(
+        lambda d: (d.tensioner.friction_torque, d.tensioner.friction_speed), drive, friction
+    )
+    at = bj.OperatingPoint(driver_speed=2000 * RPM, torque=point.torque)
+    orbit = bj.periodic_response(
+        dry, at, crank(0.1), functions=4, damping=MODAL, belt_speed="varying"
+    )
+    return dry, orbit
+
+
+@pytest.mark.slow
+def test_a_tensioner_that_sticks_and_slips_stays_on_its_orbit(rubbed):
+    dry, orbit = rubbed
+    end = 4 * float(orbit.period)
+    options = {"drive": dry, "orders": crank(0.1), "functions": 4, "max_events": 300}
+    found = moved([(0, 2000), (end / 2, 2000), (end, 2000)], initial=orbit, **options)
+    expected = np.asarray(orbit.at(found.times))
+    np.testing.assert_allclose(found.at(found.times), expected, atol=1e-5 * np.abs(expected).max())
+    assert int(found.stats["events"]) == 16
+    part = orbit.measures.stuck_fractions[0]
+    assert found.measures.stuck_fractions[0] == pytest.approx(float(part), abs=2e-3)
+    work = 4 * orbit.measures.friction_work[0]
+    assert found.measures.friction_work[0] == pytest.approx(float(work), rel=1e-4)
+
+
+@pytest.mark.slow
+def test_from_rest_a_tensioner_with_friction_comes_to_its_orbit(rubbed):
+    dry, orbit = rubbed
+    period = float(orbit.period)
+    end = 60 * period
+    options = {"drive": dry, "orders": crank(0.1), "functions": 4, "max_events": 300}
+    found = moved([(0, 2000), (end / 2, 2000), (end, 2000)], **options)
+    times = end - period + np.linspace(0, period, 50)
+    expected = np.asarray(orbit.tensioner_motions(times))
+    travel = np.ptp(expected)
+    np.testing.assert_allclose(found.tensioner_motions(times), expected, atol=2e-3 * travel)
+
+
+@pytest.mark.slow
+def test_derivative_through_events(rubbed):
+    dry, orbit = rubbed
+    end = 2 * float(orbit.period)
+
+    def at_end(friction):
+        drive = eqx.tree_at(lambda d: d.tensioner.friction_torque, dry, friction)
+        found = moved(
+            [(0, 2000), (end / 2, 2000), (end, 2000)], drive=drive, orders=crank(0.1),
+            functions=2, max_events=24, derivatives="forward", rtol=1e-9, atol=1e-11, times=64,
+            max_steps=4000, throw=False,
+        )  # fmt: skip
+        return jnp.stack([found.tensioner_motions(end)[0], jnp.min(found.measures.tension_min)])
+
+    one, step = jnp.ones(()), 1e-5
+    friction = jnp.asarray(0.1)
+    _, slopes = quickly_compiled(lambda T: jax.jvp(at_end, (T,), (one,)))(friction)
+    by = quickly_compiled(at_end)
+    difference = (by(friction + step) - by(friction - step)) / (2 * step)
+    np.testing.assert_allclose(slopes, difference, rtol=1e-4)
+    assert np.abs(slopes).min() > 1e-4
