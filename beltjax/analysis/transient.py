@@ -385,7 +385,7 @@ def _saves(
     numbers = concrete(times), concrete(speeds)
     count = _USUAL_TIMES
     if numbers[0] is not None and numbers[1] is not None:
-        highest = max(4.0, *(orders.excitations if orders is not None else ()))
+        highest = max([4.0, *(orders.excitations if orders is not None else ())])
         rate = max(_PER_TURN * highest / 4 * numbers[1].max() / (2 * np.pi), _LEAST_RATE)
         wanted = rate * (numbers[0][-1] - numbers[0][0])
         count = int(2 ** np.ceil(np.log2(np.clip(wanted, 2 * _PARTS, _MOST_TIMES))))

@@ -61,7 +61,7 @@ def read_signal(path: str | os.PathLike[str], units: Mapping[str, str], fewest: 
     back = np.flatnonzero(np.diff(times) <= 0)
     if len(back):
         message = (
-            f"row {back[0] + 2}: the time {times[back[0] + 1]:g} s is not after the one before"
+            f"row {back[0] + 3}: the time {times[back[0] + 1]:g} s is not after the one before"
         )
         raise FileError(path, "", f"{message}; sort the rows")
     return Signal(times, names[1], values)

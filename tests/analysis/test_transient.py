@@ -54,6 +54,7 @@ def test_energy_of_an_undamped_drive_is_kept():
     assert np.ptp(found.tensions(found.times)[:, 0]) > 200
 
 
+@pytest.mark.slow
 def test_a_periodic_motion_goes_on():
     # Harmonic balance and steps in time, both with belts that follow the crank.
     drive, point = THREE
@@ -218,6 +219,7 @@ def test_diffrax_is_asked_for_in_one_line(monkeypatch):
         moved([(0, 1000), (1, 2000)])
 
 
+@pytest.mark.slow
 def test_too_many_steps_are_a_result():
     options = {"max_steps": 300, "throw": False}
     found = moved([(0, 2000), (0.1, 2100), (0.2, 2000)], **options)
@@ -258,6 +260,7 @@ def test_implicit_steps_give_the_same_motion():
     np.testing.assert_allclose(other.tensions(other.times), expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_parts_with_progress_are_the_whole():
     calls = []
     profile = [(0, 2000), (0.1, 2100), (0.2, 2000)]
@@ -268,6 +271,7 @@ def test_parts_with_progress_are_the_whole():
     assert calls[-1] == ("moving", 16, 16)
 
 
+@pytest.mark.slow
 def test_named_axes_and_times_above_a_limit():
     drive, _ = THREE
     found = moved([(0, 2000), (0.1, 2100), (0.2, 2000)], orders=crank(0.1))

@@ -1,4 +1,4 @@
-"""Steps in time from event to event, against the exact motion of an oscillator with dry friction."""
+"""Steps in time from event to event, against the exact motion of a rubbed oscillator."""
 
 import jax
 import jax.numpy as jnp
