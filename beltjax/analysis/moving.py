@@ -29,7 +29,7 @@ from beltjax.physics.motion import MotionModel, projected
 FINE = 32  # Legendre functions from which the layered ones are combined
 
 
-class Counted(NamedTuple):
+class CountedParts(NamedTuple):
     """What of a drive is not the same for all of its kind, and is counted where it may be there."""
 
     curved: bool  # bodies may move on exact paths
@@ -37,11 +37,11 @@ class Counted(NamedTuple):
     varied: bool  # dry friction may depend on what a body carries
 
 
-def counted(drive: Drive) -> Counted:
+def counted(drive: Drive) -> CountedParts:
     """What is counted of a drive."""
     bodies, isolators = drive.tensioners, drive.isolators
     loads = [number for body in bodies for number in (body.friction_hub, body.friction_spring)]
-    return Counted(
+    return CountedParts(
         curved=bool(bodies) and any_of([drive.model.arm_curvature]),
         loose=any_of([part.law for part in isolators])
         or any_of([part.stop_stiffness for part in isolators]),
@@ -55,7 +55,7 @@ class ModelAsked(eqx.Module):
     damping: Damping
     basis: AbstractBasis | None
     functions: int = eqx.field(static=True)
-    counted: Counted = eqx.field(static=True)
+    counted: CountedParts = eqx.field(static=True)
     varying: bool = eqx.field(static=True)  # the belts' speed follows the driver's rotation
     free: bool = eqx.field(static=True)  # the driver turns by its torque
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from beltjax.analysis.linearization import Linearization
-from beltjax.analysis.orbit_motion import AbstractMotion, Grid
+from beltjax.analysis.orbit_motion import AbstractMotion, MotionGrid
 from beltjax.compiling.quick import usual_promotion
 from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
@@ -186,7 +186,7 @@ def measures(signals: Signals, samples: int) -> Measures:
     )
 
 
-def _wind_ups(signals: Signals, grid: Grid) -> Float[Array, "times joints"]:
+def _wind_ups(signals: Signals, grid: MotionGrid) -> Float[Array, "times joints"]:
     """Wind-up of each joint over the motion."""
     joints = signals.model.joints
     if joints is None:
@@ -197,7 +197,7 @@ def _wind_ups(signals: Signals, grid: Grid) -> Float[Array, "times joints"]:
 def extremes(
     function: Callable[[Signals, Float[Array, ""]], Float[Array, " items"]],
     signals: Signals,
-    grid: Grid,
+    grid: MotionGrid,
 ) -> Float[Array, "2 items"]:
     """Least and greatest value over the motion of each item of a function of its variable.
 
@@ -230,7 +230,7 @@ def extremes(
 
 
 def _deflections(
-    signals: Signals, times: Grid
+    signals: Signals, times: MotionGrid
 ) -> tuple[Float[Array, " spans"], Float[Array, " spans"]]:
     """Largest deflection of each span over its length, and largest slope, in space and time."""
     lin, phases = signals.linearization, times.at

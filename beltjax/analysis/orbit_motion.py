@@ -25,7 +25,7 @@ State = Float[Array, " size"]
 Bodies = Float[Array, " tensioners"]
 
 
-class Grid(NamedTuple):
+class MotionGrid(NamedTuple):
     """Points of a motion's variable."""
 
     at: Float[Array, " times"]
@@ -68,11 +68,11 @@ class AbstractMotion(eqx.Module):
         """Mean of the coordinates over the motion."""
 
     @abc.abstractmethod
-    def grid(self, samples: int) -> Grid:
+    def grid(self, samples: int) -> MotionGrid:
         """Points from which extremes are refined."""
 
     @abc.abstractmethod
-    def friction_work(self, model: MotionModel, grid: Grid) -> Bodies:
+    def friction_work(self, model: MotionModel, grid: MotionGrid) -> Bodies:
         """Work of dry friction over the motion, of each body."""
 
     @abc.abstractmethod
@@ -125,14 +125,14 @@ class HarmonicMotion(_OverPhase):
         """Their mean over the period."""
         return self.coefficients[0]
 
-    def grid(self, samples: int) -> Grid:
+    def grid(self, samples: int) -> MotionGrid:
         """Equal phases, some for each sample."""
         count = _TIMES * samples
         step = 2 * jnp.pi / count
         phases, weights = jnp.arange(count) * step, jnp.full(count, 1 / count)
-        return Grid(phases, weights, jnp.asarray(step), _ENDLESS)
+        return MotionGrid(phases, weights, jnp.asarray(step), _ENDLESS)
 
-    def friction_work(self, model: MotionModel, grid: Grid) -> Bodies:
+    def friction_work(self, model: MotionModel, grid: MotionGrid) -> Bodies:
         """Work of dry friction over a period, of each body."""
         X, count = self.coefficients, len(model.friction.constant)
 
@@ -186,7 +186,7 @@ class SteppedMotion(_OverPhase):
         found = (waves * weights[:, None] * twice).T @ states[:, : self.trajectory.positions]
         return widened(self.shapes, found)
 
-    def grid(self, samples: int) -> Grid:
+    def grid(self, samples: int) -> MotionGrid:
         """Equal parts of each step."""
         steps = self.trajectory.steps
         long = jax.lax.stop_gradient(steps.end - steps.start)
@@ -194,9 +194,9 @@ class SteppedMotion(_OverPhase):
         parts = starts[:, None] + long[:, None] * (np.arange(_TIMES) / _TIMES)
         weights = jnp.repeat(long / _TIMES, _TIMES)
         reach = 2 * jnp.pi * jnp.max(long) / _TIMES
-        return Grid(2 * jnp.pi * parts.ravel(), weights, reach, _ENDLESS)
+        return MotionGrid(2 * jnp.pi * parts.ravel(), weights, reach, _ENDLESS)
 
-    def friction_work(self, model: MotionModel, grid: Grid) -> Bodies:
+    def friction_work(self, model: MotionModel, grid: MotionGrid) -> Bodies:
         """Work of dry friction over a period, of each body."""
         path, count = self.trajectory, len(model.friction.constant)
         states, weights = path.stages

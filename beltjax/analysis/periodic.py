@@ -167,7 +167,7 @@ def periodic_response(
             spans straight.
         basis: functions for the deflections in place of these, such as `Legendre(24)`.
         damping: `Damping()` unless given, which counts the drive's own dampers.
-        belt_speed: "constant", or "varying": the belts follow the rotation of the driver (O12),
+        belt_speed: "constant", or "varying": the belts follow the rotation of the driver (O16),
             which changes the motion by some 0.1 %.
         method: `HarmonicBalance()` unless given, and `Shooting()` of a drive with a tensioner whose
             `friction_speed` is 0, a decoupler or a rigid clutch.

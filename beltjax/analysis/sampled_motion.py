@@ -9,7 +9,7 @@ from beltjax.analysis.driver_motion import DriverMotion
 from beltjax.analysis.motion import (
     widened,
 )
-from beltjax.analysis.orbit_motion import AbstractMotion, Grid, open_clutches
+from beltjax.analysis.orbit_motion import AbstractMotion, MotionGrid, open_clutches
 from beltjax.numerics.hybrid import ABOVE, BELOW, ENGAGED
 from beltjax.physics.motion import MotionModel, friction_bounds
 
@@ -62,13 +62,13 @@ class SampledMotion(AbstractMotion):
         """By the trapezoidal rule."""
         return widened(self.shapes, trapezoid(self.times) @ self.values / self.duration)
 
-    def grid(self, samples: int = 0) -> Grid:
+    def grid(self, samples: int = 0) -> MotionGrid:
         """The times that were kept."""
         weights = trapezoid(self.times) / self.duration
         ends = self.times[0], self.times[-1]
-        return Grid(self.times, weights, jnp.max(jnp.diff(self.times)), ends)
+        return MotionGrid(self.times, weights, jnp.max(jnp.diff(self.times)), ends)
 
-    def friction_work(self, model: MotionModel, grid: Grid) -> Float[Array, " tensioners"]:
+    def friction_work(self, model: MotionModel, grid: MotionGrid) -> Float[Array, " tensioners"]:
         """Work of dry friction over the motion, of each body."""
         count = len(model.friction.constant)
         modes = self.modes[:, :count] if self.modes.shape[1] else jnp.zeros((len(grid.at), count))

@@ -42,7 +42,7 @@ _NEWTON = 8  # steps to the state at which the drive begins
 _NEAR = 1e-9  # the last of them, over the size of that state
 
 
-class Asked(ModelAsked):
+class TransientAsked(ModelAsked):
     """What a transient is asked for, beside the drive."""
 
     times: Float[Array, " knots"]  # of the mean speed [s]
@@ -68,7 +68,7 @@ class Equations(eqx.Module):
     unit: Scalar  # of time [s]
 
     def acceleration(self, z: State, rate: State, t: Scalar) -> State:
-        """Acceleration at a time of the equations, docs/theory/motion.md, (O13)."""
+        """Acceleration at a time of the equations, docs/theory/motion.md, (O17)."""
         m, now = self.model, self.driving(t)
         force = m.damping @ rate + m.stiffness @ z + beside_linear(m, z, rate, now)
         return -self.inverse @ (force - self.load(t, now))
@@ -125,7 +125,7 @@ class Begun(NamedTuple):
 
 
 @boundary_jit
-def begun(drive: Drive, point: OperatingPoint, asked: Asked) -> Begun:
+def begun(drive: Drive, point: OperatingPoint, asked: TransientAsked) -> Begun:
     """The equations of a transient, and the state in which the drive begins."""
     lowest, highest = jnp.min(asked.speeds), jnp.max(asked.speeds)
     reference = (lowest + highest) / 2 if asked.initial is None else asked.speeds[0]

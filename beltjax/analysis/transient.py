@@ -17,7 +17,14 @@ from beltjax.analysis.orbit_measures import Measures, OverTime, Signals, frictio
 from beltjax.analysis.orders import Forcing, Orders, orders_of
 from beltjax.analysis.periodic import STEEPEST, PeriodicResponse
 from beltjax.analysis.sampled_motion import SampledMotion, trapezoid
-from beltjax.analysis.time_equations import Asked, Begun, Equations, accelerations, begun, overruns
+from beltjax.analysis.time_equations import (
+    TransientAsked,
+    Begun,
+    Equations,
+    accelerations,
+    begun,
+    overruns,
+)
 from beltjax.compiling.quick import boundary_jit, long_boundary_jit
 from beltjax.drive.canonical import canonical, strongly_typed
 from beltjax.drive.components import as_real, concrete
@@ -184,7 +191,7 @@ def transient(
     """Motion of finite amplitude over time: run-up, coast-down, start and stop, any crank motion.
 
     The equations are those of `periodic_response`, in a frame that turns with the driver's mean
-    speed, with belts whose speed follows the driver: docs/theory/motion.md, (O12) and (O13). One
+    speed, with belts whose speed follows the driver: docs/theory/motion.md, (O16) and (O17). One
     model, about the steady state at the speed halfway between the lowest and the highest, serves
     all speeds. It needs diffrax: `pip install 'beltjax[time]'`.
 
@@ -194,8 +201,8 @@ def transient(
     The result is that of the steady state, or `steady_state_not_found` at the first speed,
     `numbers_unusable`, `too_many_steps`, `too_many_events`, or `motion_not_finite`. With
     `throw=False` read `.result`: a failed motion is zero. A success may carry a `.warning`:
-    `span_slack_in_motion`, `slope_too_large` or `belt_slips_in_motion`, in this order. One program serves all numbers; of
-    another number of times, knots or orders it is compiled anew.
+    `span_slack_in_motion`, `slope_too_large` or `belt_slips_in_motion`, in this order. One program
+    serves all numbers; of another number of times, knots or orders it is compiled anew.
 
     Args:
         drive: the drive.
@@ -249,7 +256,7 @@ def transient(
     given = _excitation(point, orders)
     forcing, base = _forcing(drive, given)
     _require_signal(crank, times)
-    asked = Asked(
+    asked = TransientAsked(
         damping=Damping() if damping is None else damping,
         basis=basis,
         functions=functions,

@@ -121,7 +121,7 @@ def integrated(
     )
 
 
-class _Along(NamedTuple):
+class _OnTheWay(NamedTuple):
     """A motion on its way from event to event."""
 
     t: Scalar
@@ -160,7 +160,7 @@ def integrated_through_events(
     finder = optx.Bisection(rtol=1e-2 * _PRECISION, atol=_PRECISION, flip=True)
     event = diffrax.Event(fallen, finder, direction=False)
 
-    def part(at: _Along) -> _Along:
+    def part(at: _OnTheWay) -> _OnTheWay:
         run = diffrax.diffeqsolve(
             diffrax.ODETerm(rate),
             t0=at.t,
@@ -195,7 +195,7 @@ def integrated_through_events(
             exhausted=exhausted,
             crowded=made.crowded,
         )
-        return _Along(
+        return _OnTheWay(
             t=t,
             state=jnp.where(met, after, x),
             mode=jnp.where(met, mode, at.mode),
@@ -203,7 +203,7 @@ def integrated_through_events(
             done=~met,
         )
 
-    def following(at: _Along, _: None) -> tuple[_Along, None]:
+    def following(at: _OnTheWay, _: None) -> tuple[_OnTheWay, None]:
         return jax.lax.cond(at.done, lambda at: at, part, at), None
 
     x, mode = start
@@ -218,6 +218,6 @@ def integrated_through_events(
         exhausted=no,
         crowded=no,
     )
-    at = in_lanes_of(x, _Along(times[0], x, mode, begun, no))
+    at = in_lanes_of(x, _OnTheWay(times[0], x, mode, begun, no))
     last, _ = jax.lax.scan(jax.checkpoint(following), at, None, length=how.events + 1)
     return last.found._replace(crowded=~last.done)

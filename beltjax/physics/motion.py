@@ -9,7 +9,7 @@
 Spans stretch quasi-statically, so that all that is nonlinear in a drive is one number a span: the
 functions have unit slopes, and N is half the sum of their squares and a quadratic form of the
 bodies' coordinates. M, G and K are those of `vibration`; docs/theory/motion.md, (O1) to (O5), and
-(O12) for belts whose speed varies.
+(O16) for belts whose speed varies.
 """
 
 from typing import NamedTuple, TypeVar
@@ -73,7 +73,7 @@ class SpanPaths(eqx.Module):
 
 
 class BeltSpeed(eqx.Module):
-    """What the drive's belts do beside (O2) where the speed of the driver varies (O12)."""
+    """What the drive's belts do beside (O2) where the speed of the driver varies (O16)."""
 
     gyroscopic: Float[Array, "size size"]  # G per unit of the driver's speed
     centrifugal: Spans  # lam mu s^2 at unit speed of the driver
@@ -206,7 +206,7 @@ def stretching(
 ) -> State:
     """The force of the spans' stretch without its part K z, which is linear in z (O2).
 
-    Of the tension that pulls on slopes and bodies `relief` is taken off (O12).
+    Of the tension that pulls on slopes and bodies `relief` is taken off (O16).
     """
     m = model
     N, back = jax.vjp(lambda z: beyond_linear(m, z), z)

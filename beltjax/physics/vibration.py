@@ -208,7 +208,7 @@ def acceleration(
     kept: Int[Array, " kept"],
     rates: Spans,
 ) -> Acceleration:
-    """What spans do whose belts gain speed at these rates; docs/theory/motion.md, (O12).
+    """What spans do whose belts gain speed at these rates; docs/theory/motion.md, (O16).
 
     The tension grows along an accelerating span, by which its slope is turned as much as by
     the transport of momentum; of both the functions feel what is left.

@@ -49,7 +49,7 @@ def swung(drive, point):
 
 
 def run_up(drive, point):
-    """A transient, of which other numbers of drive, profile, excitation and signal compile nothing."""
+    """A transient, of which another drive, profile, excitation or signal compiles nothing."""
     speed = 10 * speed_of(point)
     excitation = bj.Excitation(1e-4 * speed_of(point), {drive.pulley_names[-1]: 0.1})
     times = np.linspace(0.0, 0.01, 8)
