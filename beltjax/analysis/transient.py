@@ -18,9 +18,9 @@ from beltjax.analysis.orders import Forcing, Orders, orders_of
 from beltjax.analysis.periodic import STEEPEST, PeriodicResponse
 from beltjax.analysis.sampled_motion import SampledMotion, trapezoid
 from beltjax.analysis.time_equations import (
-    TransientAsked,
     Begun,
     Equations,
+    TransientAsked,
     accelerations,
     begun,
     overruns,
@@ -268,7 +268,7 @@ def transient(
         forcing=forcing,
         base=base,
         signal=crank,
-        initial=_initial(initial),
+        initial=_initial(initial, speeds),
         saves=_saves(saves, times, speeds, given),
         stepping=law_with_modes(drive) is not None,
     )
@@ -362,12 +362,24 @@ def _require_signal(crank: CrankSignal | None, times: Float[Array, " knots"]) ->
             )
 
 
-def _initial(given: PeriodicResponse | tuple[Array, Array] | None) -> tuple[State, State] | None:
+def _initial(
+    given: PeriodicResponse | tuple[Array, Array] | None, speeds: Float[Array, " knots"]
+) -> tuple[State, State] | None:
     """Coordinates, and rates [1/s]."""
     if given is None or isinstance(given, tuple):
         return given
+    lin = given.linearization
+    belt = lin.model.s * lin.scales.length / lin.scales.time  # [m/s], of each span
+    radii = lin.steady.groups.radius_ratios * lin.scales.length
+    speed = concrete(jnp.sum(lin.steady.groups.drives * belt / radii))
+    first = concrete(speeds[0])
+    if speed is not None and first is not None and abs(speed - first) > 1e-6 * first:
+        raise ValueError(
+            f"initial: is a motion at {speed:g} rad/s of the driver, and this one begins at "
+            f"{first:g} rad/s; begin at that speed."
+        )
     start = jnp.zeros(())
-    return given.at(0.0), given.signals.motion.rate(start) / given.linearization.scales.time
+    return given.at(0.0), given.signals.motion.rate(start) / lin.scales.time
 
 
 def _saves(

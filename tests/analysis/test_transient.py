@@ -7,9 +7,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from bodies_cases import ISOLATORS, load
+from clutched import BELT, clutched
 from drives import example
 
 import beltjax as bj
+from beltjax.analysis.motion import load_series
+from beltjax.analysis.orders import Forcing
+from beltjax.analysis.response import equations_at
 from beltjax.compiling.quick import quickly_compiled
 from beltjax.physics import motion
 
@@ -181,6 +186,24 @@ def test_derivatives_three_ways():
         np.testing.assert_allclose(reverse[:, k], (8 * near - far) / (12e-4 * value), rtol=1e-5)
 
 
+@pytest.mark.slow
+def test_what_the_driver_transmits_is_that_of_the_linear_response(tmp_path):
+    # By angle, rate and acceleration, through isolators, damped belts and the belt's inertia.
+    drive, point = load(tmp_path, ISOLATORS)
+    drive = eqx.tree_at(lambda d: d.model.belt_inertia, drive, jnp.asarray(1.0))
+    lin = bj.linearize(bj.steady_state(drive, point), bj.Legendre(2))
+    damping = bj.Damping(stiffness=1e-4, belt=2e-4)
+    omega, amplitude = jnp.asarray(1.7), jnp.asarray(0.3 - 0.2j)
+    torques = jnp.arange(len(drive.pulleys)) * (1.0 + 0.5j)
+    expected = equations_at(lin, omega, amplitude, torques / lin.scales.energy, damping)[1]
+    forcing = Forcing(jnp.array([0.0, amplitude]), jnp.stack([0 * torques, torques]))
+    _, found = load_series(lin, forcing, omega, damping)
+    stretched = amplitude * (lin.elongations.T @ (lin.model.lam * lin.model.gam * lin.driving))
+    np.testing.assert_allclose(
+        found[1] - 1j * found[2] - stretched, expected, rtol=1e-10, atol=1e-12
+    )
+
+
 def test_questions_that_have_no_answer():
     drive, point = THREE
     start = [(0, 100), (1, 200)]
@@ -209,6 +232,38 @@ def test_questions_that_have_no_answer():
     ):
         with pytest.raises(ValueError, match=message):
             bj.CrankSignal(**arguments)
+
+
+@pytest.mark.slow
+def test_a_decoupler_comes_to_the_orbit_of_shooting():
+    # The hub has a torque that grows with its speed; half of the periods it overruns.
+    drive, speed = clutched("decoupler"), 900 * RPM
+    mean = speed * 0.08 / 0.03
+    fan = bj.Load(speed=[0.0, 2 * mean], torque=[5 - 0.03 * mean, 5 + 0.03 * mean])
+    point = bj.OperatingPoint(driver_speed=speed, load={"alternator": fan})
+    options = {"orders": crank(1.0), "functions": 0, "damping": BELT}
+    orbit = bj.periodic_response(drive, point, belt_speed="varying", **options)
+    period = float(orbit.period)
+    saves = np.linspace(0, 80 * period, 80 * 64 + 1)
+    found = bj.transient(drive, point, 80 * period, saves=saves, **options)
+    times = np.linspace(79 * period, 80 * period, 60)
+    expected = np.asarray(orbit.tensions(times))
+    np.testing.assert_allclose(
+        found.tensions(times), expected, atol=2e-5 * np.ptp(expected, axis=0).max()
+    )
+    late = found.rotations(times[[0, -1]])[:, 1]
+    assert float(late[1] - late[0]) == pytest.approx(
+        float(orbit.measures.overrun_per_period[0]), rel=1e-4
+    )
+
+
+@pytest.mark.slow
+def test_a_motion_goes_on_at_its_own_speed():
+    drive, point = THREE
+    at = bj.OperatingPoint(driver_speed=2000 * RPM, torque=point.torque)
+    orbit = bj.periodic_response(drive, at, crank(0.1), harmonics=2, functions=2, damping=MODAL)
+    with pytest.raises(ValueError, match=r"initial: is a motion at 209\.44 rad/s of the driver"):
+        moved([(0, 2100), (1, 2200)], initial=orbit)
 
 
 def test_diffrax_is_asked_for_in_one_line(monkeypatch):
