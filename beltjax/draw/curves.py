@@ -68,15 +68,17 @@ def _draw_orders(
     orders: Sequence[float],
     top: float,
     color: str = "#555555",
+    below: float = 0.0,
 ) -> None:
+    """Lines of orders, and their names `below` their ends [points]."""
     for order in orders:
         axes.plot(x, order * rotations, "--", color=color, linewidth=0.9)
         inside = np.flatnonzero(order * rotations <= top)
         if len(inside):
             at = inside[-1]
             axes.annotate(
-                f"order {order:g}", (x[at], order * rotations[at]), fontsize=8, ha="right",
-                va="top", color=color,
+                f"order {order:g}", (x[at], order * rotations[at]), (0, -below),
+                textcoords="offset points", fontsize=8, ha="right", va="top", color=color,
             )  # fmt: skip
 
 
@@ -145,8 +147,9 @@ def run_up_figure(
     bar.set_label(what, fontsize=9, parse_math=False)
     ends = np.array([min(rpm[0], rpm[-1]), max(rpm[0], rpm[-1])])
     inside = np.linspace(ends[0], ends[1], 20)[:-1]  # the names of orders stay in the picture
-    _draw_orders(top, inside, inside / RPM / (2 * np.pi), orders, spectrum.hertz[-1], "#dfdfdf")
+    _draw_orders(top, inside, inside / RPM / (2 * np.pi), orders, spectrum.hertz[-1], "#dfdfdf", 12)
     top.set_ylim(0, spectrum.hertz[-1])
+    top.set_facecolor("black")  # beside the first and the last window
     top.set_ylabel("frequency (Hz)", fontsize=9)
     figure.suptitle(title, fontsize=11, parse_math=False)
     for axes, (kind, curves) in zip(rows[1:], panels.items(), strict=True):

@@ -283,7 +283,10 @@ def transient_tables(document: dict[str, Any], units: TableUnits) -> Group:
     if not document["success"]:
         return Group(*lines, document["failure"])
     part, knots = document["transient"], np.array(document["profile"])
-    speeds = " to ".join(f"{speed * RPM:.5g}" for speed in dict.fromkeys(knots[[0, -1], 1]))
+    ends = knots[[0, -1], 1]
+    if ends[0] == ends[1]:
+        ends = np.array([knots[:, 1].min(), knots[:, 1].max()])
+    speeds = " to ".join(f"{speed * RPM:.5g}" for speed in dict.fromkeys(ends))
     title = f"{titled(document)}: motion over {np.ptp(knots[:, 0]):.5g} s, {speeds} rpm"
     tables = moved_tables(escape(title), part, units)
     if part["peak_speeds"]:
