@@ -105,6 +105,9 @@ def _tangents(
     return by_both(of.values @ X, rate, jnp.asarray(of.phases))
 
 
+_FOR_MEANS = 16  # samples
+
+
 def preconditioner(
     system: Oscillator, X: Coefficients, samples: int
 ) -> Callable[[Coefficients], Coefficients]:
@@ -112,9 +115,9 @@ def preconditioner(
 
     Constant tangents act on each harmonic alone, so that it costs one inverse a harmonic.
     """
-    K, C = (
-        jnp.mean(part, axis=0) for part in _tangents(system, X, _sampling(len(X) // 2, samples))
-    )
+    # A mean that is not quite exact costs an iteration at most.
+    of = _sampling(len(X) // 2, min(samples, _FOR_MEANS))
+    K, C = (jnp.mean(part, axis=0) for part in _tangents(system, X, of))
     w = system.frequency * jnp.arange(len(X) // 2 + 1)[:, None, None]
     pencils = (system.stiffness + K) - w**2 * system.mass + 1j * w * (system.damping + C)
     if system.neutral is not None:

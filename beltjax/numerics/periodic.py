@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import lineax
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
@@ -25,6 +24,7 @@ from beltjax.numerics.harmonic_balance import (
     residual,
     series,
 )
+from beltjax.numerics.krylov import gmres
 from beltjax.numerics.periodic_branch import Point, Units, corrected, start_of
 
 
@@ -154,13 +154,10 @@ def _by_krylov(system: Oscillator, X: Coefficients, samples: int) -> Solver:
         return inverse(residual(system, X, samples))
 
     _, moved = jax.linearize(near_one, X)
-    operator = lineax.FunctionLinearOperator(moved, jax.ShapeDtypeStruct(shape, X.dtype))
-    # A step without directions comes first, then one with all.
-    method = lineax.GMRES(rtol=_TINY, atol=0.0, restart=_KRYLOV, max_steps=2)
 
     def solve(right: Array) -> Array:
-        right = inverse(right.reshape(shape))
-        return lineax.linear_solve(operator, right, method, throw=False).value.ravel()
+        start = inverse(right.reshape(shape)).ravel()
+        return gmres(lambda v: moved(v.reshape(shape)).ravel(), start, _KRYLOV)
 
     return solve
 
