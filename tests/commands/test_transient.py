@@ -81,6 +81,7 @@ def test_profile_of_the_file_and_signals_of_tables(run, tmp_path):
     np.testing.assert_allclose(again.excitation.profile, point.excitation.profile)
 
 
+@pytest.mark.slow
 def test_a_span_that_goes_slack_ends_with_2(run):
     words = "--duration", "0.05 s", "--crank", "8 deg"
     status, out, err = run("transient", DRIVE, *words, *SMALL, "--json", "-")

@@ -54,9 +54,8 @@ def test_dry_friction_stops_an_oscillator_after_its_half_swings():
     np.testing.assert_allclose(rest, [exact(float(value)) for value in values], atol=1e-7)
 
 
-@pytest.mark.parametrize(
-    "mode", ["forward", pytest.param("reverse", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("mode", ["forward", "reverse"])
 def test_events_move_with_what_a_motion_depends_on(mode):
     of = {"reverse": jax.jacrev, "forward": jax.jacfwd}[mode]
     slopes = quickly_compiled(of(lambda friction: moved(friction, mode).states[:, 0]))
