@@ -15,8 +15,10 @@ from beltjax.analysis.motion import (
     widened,
 )
 from beltjax.analysis.orbit_measures import Signals, measures
-from beltjax.analysis.orbit_motion import HarmonicMotion
+from beltjax.analysis.orbit_motion import HarmonicMotion, SteppedMotion
+from beltjax.analysis.shooting import shot_system
 from beltjax.numerics.periodic import multipliers, periodic_orbit
+from beltjax.numerics.shooting import shot_multipliers, shot_orbit
 from beltjax.physics.motion import projected
 
 RPM = 2 * np.pi / 60
@@ -24,11 +26,11 @@ BELT = bj.Damping(belt=1e-4)  # [s]
 HUB = 0.03  # [N m s/rad], of the hub to the ground
 
 
-def clutched(law="spring-clutch"):
+def clutched(law="spring-clutch", stiffness=100.0, **stops):
     """The drive."""
     crank = bj.Pulley("crank", (0.0, 0.0), 0.08, inertia=0.07, driver=1.0)
     pulley = bj.Pulley("alternator", (0.3, 0.0), 0.03, inertia=0.003)
-    joint = bj.Isolator((0.0, 1.0), 100.0, rim_inertia=0.00025, law=law)
+    joint = bj.Isolator((0.0, 1.0), stiffness, rim_inertia=0.00025, law=law, **stops)
     return bj.Drive(
         belt=bj.Belt(120e3, 0.015, 0.1029),
         pulleys=(crank, pulley),
@@ -60,3 +62,12 @@ def moved(drive, speed, forcing, samples):
     motion = HarmonicMotion(coefficients, excited.driver, excited.frequency)
     found = measures(Signals(lin, whole, motion), samples)
     return orbit, found, multipliers(oscillator, excited, orbit.coefficients, 800)
+
+
+def shot(drive, speed, forcing, steps):
+    """The orbit by shooting, its extremes and multipliers, and the drive in motion."""
+    excited, lin, whole, none = excited_at(drive, speed, forcing)
+    orbit = shot_orbit(shot_system, excited, steps)
+    motion = SteppedMotion(trajectory=orbit.trajectory, shapes=none, frequency=excited.frequency)
+    found = measures(Signals(lin, whole, motion, excited.driver), 96)
+    return orbit, found, shot_multipliers(orbit), (excited, lin)

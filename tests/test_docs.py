@@ -30,7 +30,7 @@ BLOCKS = {
     "model": 1,
     "moving_beam": 4,
     "optimizing": 3,
-    "periodic": 7,
+    "periodic": 10,
     "reading": 3,
     "robust": 4,
     "several_tensioners": 11,

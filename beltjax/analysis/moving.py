@@ -91,15 +91,15 @@ def moving(drive: Drive, point: OperatingPoint, asked: ModelAsked) -> Moving:
     return Moving(lin, whole, shapes, projected(whole, shapes))
 
 
-def law_with_modes(drive: Drive) -> str | None:
-    """What of the drive has a law with modes.
+def law_with_modes(drive: Drive, traced: bool = False) -> str | None:
+    """What of the drive has a law with modes; None also where JAX traces its numbers.
 
-    None also where JAX traces the number that decides: a friction_speed, or the law of an isolator.
+    With `traced` friction whose size is traced counts where its friction_speed is known to be 0.
     """
     for body in drive.tensioners:
         numbers = body.friction_torque, body.friction_hub, body.friction_spring
         friction, speed = [concrete(number) for number in numbers], concrete(body.friction_speed)
-        dry = any(number is None or number.any() for number in friction)
+        dry = any(traced if number is None else number.any() for number in friction)
         if dry and speed is not None and not speed.all():
             return f"tensioner {body.name!r} with friction_speed = 0"
     for part in drive.isolators:

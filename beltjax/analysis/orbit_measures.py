@@ -225,6 +225,11 @@ def extremes(
         return jnp.clip(near, *limits)
 
     at = jax.lax.fori_loop(0, _REFINEMENTS, newton, starts)
+    # At a kink, and on a plateau, the best of the given ones is the extreme itself.
+    given = jnp.stack([jnp.min(values, axis=0), jnp.max(values, axis=0)])
+    refined = jax.vmap(jax.vmap(lambda phase: function(fixed, phase)))(at)
+    refined = jnp.stack([jnp.diag(row) for row in refined])
+    at = jnp.where(sign * refined < sign * given, at, starts)
     every = jax.vmap(jax.vmap(lambda phase: function(signals, phase)))(at)
     return jnp.stack([jnp.diag(row) for row in every])
 

@@ -99,8 +99,8 @@ class PeriodicResponse(OverTime):
     # The equations in the functions that were counted, and these by the linearization's.
     excited: Excited
     shapes: Float[Array, "spans n functions"]
-    # Least singular value of the scaled equations, 0 at a fold. Of shooting, the least rate at
-    # which an event is met, over that of its parts: 0 where one only touches, 1 without events.
+    # Least singular value of the scaled equations, 0 at a fold. Of shooting, how clearly events are
+    # met: 1 without events, and 0 where one only touches.
     # None as `multipliers`.
     conditioning: Float[Array, ""] | None
     # Size of the last two harmonics over that of all: what is left out is of that size; of
@@ -458,7 +458,7 @@ def _answer(made: Prepared, found: _Found) -> PeriodicResponse:
     return frozen_where_failed(answer, result)
 
 
-_GRAZES = 1e-3  # least rate of an event, over that of its parts
+_GRAZES = 1e-2  # `conditioning` below which an event only just happens
 
 
 def stability_margin(response: PeriodicResponse) -> Float[Array, ""]:

@@ -12,6 +12,7 @@ from beltjax.analysis.damping import Damping
 from beltjax.analysis.motion import oscillator
 from beltjax.analysis.orders import Orders
 from beltjax.analysis.periodic import (
+    HarmonicBalance,
     MotionAsked,
     PeriodicResponse,
     Prepared,
@@ -134,9 +135,8 @@ def periodic_branch(
     if not (np.isfinite(start) and np.isfinite(end) and start != end):
         raise ValueError(f"start, end: found {start:g}, {end:g}; give two different numbers.")
     resolution = Resolution(harmonics, samples, functions, basis)
-    ask = _Question(
-        drive, point, over, asked_of(drive, point, orders, resolution, damping, belt_speed)
-    )
+    asked = asked_of(drive, point, orders, resolution, damping, belt_speed, HarmonicBalance())
+    ask = _Question(drive, point, over, asked)
     first = jnp.asarray(float(start))
     found, result = ask(_first, first)
     raise_unless_successful(found, result, throw)

@@ -270,7 +270,7 @@ def transient(
         signal=crank,
         initial=_initial(initial, speeds),
         saves=_saves(saves, times, speeds, given),
-        stepping=law_with_modes(drive) is not None,
+        stepping=law_with_modes(drive, traced=True) is not None,
     )
     how = How(as_real(rtol), as_real(atol), max_steps, max_events, method, derivatives)
     asked, numbers = strongly_typed(asked), canonical(drive, point)

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Literal
 import click
 
 from beltjax.commands.registry import (
+    belt_damping_option,
     command,
     crank_option,
     driver_option,
@@ -51,6 +52,7 @@ def _document() -> type["Document"]:
     help="Follow the motion over the range of speeds, from its lower or upper end, through folds.",
 )
 @modal_damping_option
+@belt_damping_option
 @click.option(
     "--belt-speed",
     type=click.Choice(["constant", "varying"]),
@@ -86,6 +88,7 @@ def periodic(
     speeds: str | None,
     branch: str | None,
     modal_damping: float | None,
+    belt_damping: str | None,
     belt_speed: Literal["constant", "varying"],
     harmonics: int,
     functions: int,
@@ -112,6 +115,7 @@ def periodic(
             branch,
             belt_speed,
             driver,
+            belt_damping,
         )
         return periodic_report(drive_file, given, figure, advance, si)
 

@@ -116,6 +116,11 @@ driver_option = click.option(
 modal_damping_option = click.option(
     "--modal-damping", type=float, help="Damp every mode by this ratio; 0.02 unless given."
 )
+belt_damping_option = click.option(
+    "--belt-damping",
+    metavar="TIME",
+    help='Damp the stretch of the belt by this time, as "0.2 ms", in place of the modes.',
+)
 report_option = click.option(
     "--report", "page", metavar="FILE.html", help="Write a report that opens in a browser."
 )

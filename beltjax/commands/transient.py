@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import click
 
 from beltjax.commands.registry import (
+    belt_damping_option,
     command,
     crank_option,
     duty_option,
@@ -55,6 +56,7 @@ def _document() -> type["Document"]:
     help="Turn the driver at several orders, in place of --crank and --order.",
 )
 @modal_damping_option
+@belt_damping_option
 @click.option(
     "--functions",
     type=click.IntRange(0, 32),
@@ -78,6 +80,7 @@ def transient(
     order: float | None,
     orders: str | None,
     modal_damping: float | None,
+    belt_damping: str | None,
     functions: int,
     duty: str | None,
     json_path: str | None,
@@ -105,6 +108,7 @@ def transient(
             modal_damping=modal_damping,
             functions=functions,
             duty=duty,
+            belt_damping=belt_damping,
         )
         return transient_report(drive_file, given, (netcdf, figure), advance, si)
 

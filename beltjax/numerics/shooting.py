@@ -2,6 +2,7 @@
 
 Newton's method for x(T) = x(0), with the variational equation along the steps. A step ends at an
 event, where a disturbance changes by the saltation matrix (R. I. Leine and H. Nijmeijer, 2004).
+A guard that falls through zero and rises again between two stages of a step is not seen.
 """
 
 from collections.abc import Callable
@@ -37,6 +38,7 @@ _ROUNDING = 1e-12  # below zero a guard has fallen
 _MOST_TRIALS = 60  # for one event
 _MOST_PERIODS = 40  # for one orbit
 _SMALLEST_LOAD = 1 / 16
+_ONE = 1e-6  # distance from 1 of a multiplier that is 1
 _NEUTRAL = 1e-9  # part of the largest singular value below which a direction is free
 
 
@@ -54,6 +56,7 @@ class Steps(NamedTuple):
 
     start: Float[Array, " steps"]  # in periods
     end: Float[Array, " steps"]
+    length: Float[Array, " steps"]  # of its polynomial, whose derivatives are not those of the end
     states: Float[Array, "steps states"]  # at the start
     gains: Float[Array, "steps 3 gains"]
     modes: Int[Array, "steps elements"]
@@ -67,7 +70,8 @@ class Flow(NamedTuple):
     state: State  # at the end
     mode: Mode
     matrix: Square  # of a small disturbance
-    least: Scalar  # rate at which a guard falls through zero, in periods, over its size
+    # Least sine of the phase that a guard has at its event, of a wave with its slope and curvature.
+    least: Scalar
     events: Int[Array, ""]
     solved: Bool[Array, ""]
 
@@ -151,24 +155,30 @@ class _Switch(NamedTuple):
     state: State
     mode: Mode
     saltation: Square
-    falling: Scalar
+    clear: Scalar  # as `Flow.least`
 
 
 def _switch(of: Periodic, x: State, part: Scalar, mode: Mode, which: Int[Array, ""]) -> _Switch:
     """Pass an event."""
     system, t = of.system, part * of.period
     after, new = system.switched(x, t, mode, which)
-    before = system.rate(x, t, mode)
+    before, one = system.rate(x, t, mode), jnp.ones(())
     leaving = system.rate(after, t, new)
-    normal = jax.jacfwd(lambda x: system.guards(x, t, mode)[which])(x)
-    one = jnp.ones(())
-    rate = jax.jvp(lambda x, t: system.guards(x, t, mode)[which], (x, t), (before, one))[1]
+
+    def guard(x: State, t: Scalar) -> Scalar:
+        return system.guards(x, t, mode)[which]
+
+    def falling(x: State, t: Scalar) -> Scalar:
+        return jax.jvp(guard, (x, t), (system.rate(x, t, mode), one))[1]
+
+    normal = jax.jacfwd(guard)(x, t)
+    rate, bend = jax.jvp(falling, (x, t), (before, one))
     falls = rate < 0
     jump = jnp.outer(leaving - before, normal / jnp.where(falls, rate, -1.0))
     matrix = jnp.eye(len(x)) + jnp.where(falls, jump, 0.0)
-    size = jnp.abs(normal) @ jnp.abs(before)
-    falling = jnp.where(size > 0, -rate / jnp.where(size > 0, size, 1.0), 0.0)
-    return _Switch(after, new, matrix, falling)
+    size = jnp.hypot(rate, bend * of.period / (2 * jnp.pi))
+    clear = jnp.where(falls, -rate / jnp.where(size > 0, size, 1.0), 0.0)
+    return _Switch(after, new, matrix, clear)
 
 
 def _begun(of: Periodic, x: State, mode: Mode, steps: int) -> Flow:
@@ -177,6 +187,7 @@ def _begun(of: Periodic, x: State, mode: Mode, steps: int) -> Flow:
     empty = Steps(
         start=jnp.ones(count),
         end=jnp.ones(count),
+        length=jnp.zeros(count),
         states=jnp.zeros((count, size)),
         gains=jnp.zeros((count, 3, size - of.system.positions)),
         modes=jnp.zeros((count, len(mode)), int),
@@ -204,14 +215,14 @@ def _period_from(of: Periodic, x: State, mode: Mode, steps: int) -> Flow:
             lambda: _switch(of, at, end, mode, trial.which),
             lambda: _Switch(at, mode, jnp.eye(len(x)), jnp.inf * one),
         )
-        new = Steps(start, end, x, trial.gains, mode, trial.which)
+        new = Steps(start, end, end - start, x, trial.gains, mode, trial.which)
         k = flow.events + grid
         flow = Flow(
             steps=jax.tree.map(lambda rows, row: rows.at[k].set(row), made, new),
             state=passed.state,
             mode=passed.mode,
             matrix=passed.saltation @ (matrix @ flow.matrix),
-            least=jnp.minimum(flow.least, passed.falling),
+            least=jnp.minimum(flow.least, passed.clear),
             events=flow.events + event,
             solved=flow.solved & trial.solved,
         )
@@ -319,10 +330,9 @@ class Trajectory(eqx.Module):
         starts = jax.lax.stop_gradient(self.steps.start)
         part = part - jnp.floor(jax.lax.stop_gradient(part))
         k = jnp.searchsorted(starts, jax.lax.stop_gradient(part), side="right") - 1
-        start, end = self.steps.start[k], self.steps.end[k]
-        long = end > start
-        inside = (part - start) / jnp.where(long, end - start, 1.0)
-        h = (end - start) * self.period
+        start, length = self.steps.start[k], self.steps.length[k]
+        inside = (part - start) / jnp.where(length > 0, length, 1.0)
+        h = length * self.period
         x = within(self.positions, self.steps.states[k], h, self.steps.gains[k], inside)
         return x - self.drifts @ self.drift * part
 
@@ -330,17 +340,19 @@ class Trajectory(eqx.Module):
     def stages(self) -> tuple[Float[Array, "points states"], Float[Array, " points"]]:
         """States at all stages, and the weight of each in a mean over the period."""
         made = self.steps
-        h = (made.end - made.start) * self.period
         of = jax.vmap(lambda x, h, gains: stage_states(self.positions, x, h, gains))
-        states = of(made.states, h, made.gains).reshape(-1, made.states.shape[1])
-        weights = (made.end - made.start)[:, None] * WEIGHTS
-        return states, weights.ravel()
+        states = of(made.states, made.length * self.period, made.gains)
+        drifted = (self.parts[:, None] * (self.drifts @ self.drift)).reshape(states.shape)
+        weights = made.length[:, None] * WEIGHTS
+        # An event that moves takes the end of its step with it.
+        weights = weights.at[:, 2].add(made.end - made.start - made.length)
+        return (states - drifted).reshape(-1, made.states.shape[1]), weights.ravel()
 
     @property
     def parts(self) -> Float[Array, " points"]:
         """Where the stages are, in periods."""
         made = self.steps
-        return (made.start[:, None] + (made.end - made.start)[:, None] * NODES).ravel()
+        return (made.start[:, None] + made.length[:, None] * NODES).ravel()
 
 
 class ShotOrbit(NamedTuple):
@@ -352,8 +364,9 @@ class ShotOrbit(NamedTuple):
     crowded: Bool[Array, ""]  # more events in a period than are followed
     gap: Scalar  # by which the last period did not close, over the size of the motion
     periods: Int[Array, ""]  # that were followed
-    # Least rate at which a guard falls through zero at an event, over that of its parts; 1 without
-    # events. At 0 an event only touches, and derivatives do not exist.
+    # How clearly events are met: the least rate h' at which a guard falls through zero, as
+    # h'/hypot(h', h''/w) with w of the period; 1 without events. At 0 one only touches, and
+    # derivatives do not exist.
     least: Scalar
     events: Int[Array, ""]  # in the period
     error: Scalar  # estimated, of the steps, over the size of the motion
@@ -371,21 +384,31 @@ def shot_orbit(
     found, converged, periods = _followed(lambda load: system(fixed, load), steps, tol)
     still = system(fixed, jnp.ones(()))
     made = jax.tree.map(lambda rows: jnp.where(converged, rows, 0), found.flow.steps)
+    made = made._replace(events=jnp.where(converged, made.events, -1))
     start, drift, inverse = (
         jnp.where(converged, x, 0.0) for x in (found.state, found.drift, found.inverse)
     )
     made, start, drift, inverse = jax.lax.stop_gradient((made, start, drift, inverse))
     of = system(args, jnp.ones(()))
-    # One more correction of the start, which carries the derivatives of what closes the period.
-    _, end = _replayed(of, still, start, made)
-    corrected = inverse @ (end - start - of.drifts @ drift)
-    exact, _ = _replayed(of, still, start + corrected[: len(start)], made)
-    drift = drift + corrected[len(start) :]
+    count = len(start)
+
+    def correct(at: tuple[State, Array], _: None) -> tuple[tuple[State, Array], Steps]:
+        exact, end = _replayed(of, still, at[0], made)
+        step = inverse @ (end - at[0] - of.drifts @ at[1])
+        return (at[0] + step[:count], at[1] + step[count:]), exact
+
+    # One more correction of the start carries the derivatives of what closes the period; the steps
+    # from there are the second ones.
+    begin = in_lanes_of(start, (start, drift))
+    (_, drift), twice = jax.lax.scan(correct, begin, None, length=2)
+    exact = jax.tree.map(lambda rows: rows[1], twice)
     trajectory = Trajectory(exact, of.period, of.drifts, drift, of.system.positions)
-    flow = found.flow
+    flow, mode = found.flow, made.modes[0]
+    # A disturbance does not move what is held at the start.
+    admitted = jax.jacfwd(lambda x: still.system.resumed(x, jnp.zeros(()), mode)[0])(start)
     return ShotOrbit(
         trajectory=trajectory,
-        matrix=jnp.where(converged, flow.matrix, 0.0),
+        matrix=jnp.where(converged, flow.matrix @ admitted, 0.0),
         converged=converged,
         crowded=flow.events >= EVENTS,
         gap=found.gap,
@@ -469,7 +492,7 @@ def _replayed(of: Periodic, still: Periodic, x: State, known: Steps) -> tuple[St
         after, _ = still.system.switched(here, t, mode, which)
         moved = end + along * later + jnp.where(event, after - here, 0.0)
         done = step.end + later / still.period
-        return (moved, done), Steps(start, done, x, gains, mode, step.events)
+        return (moved, done), Steps(start, done, step.end - start, x, gains, mode, step.events)
 
     (end, _), steps = jax.lax.scan(advance, in_lanes_of(x, (x, jnp.zeros(()))), known)
     return steps, end
@@ -478,10 +501,9 @@ def _replayed(of: Periodic, still: Periodic, x: State, known: Steps) -> tuple[St
 def shot_multipliers(orbit: ShotOrbit) -> Complex[Array, " states"]:
     """Floquet multipliers of an orbit, the largest first; their derivatives are NaN.
 
-    Those of 1 along the drifts are left out: 0 stands for them.
+    Those of 1, of drifts and of a body that sticks all the time, are left out: 0 stands for them.
     """
-    drifts = orbit.trajectory.drifts
-    rest = jnp.eye(len(drifts)) - drifts @ jnp.linalg.pinv(drifts)
-    found = jnp.linalg.eigvals(jax.lax.stop_gradient(orbit.matrix @ rest))
+    found = jnp.linalg.eigvals(jax.lax.stop_gradient(orbit.matrix))
+    found = jnp.where(jnp.abs(found - 1) < _ONE, 0.0, found)
     moved = 0.0 * jnp.sum(orbit.trajectory.steps.states)
     return found[jnp.argsort(-jnp.abs(found))] + without_derivative(moved)

@@ -52,7 +52,7 @@ class Joints(eqx.Module):
         return self.stop_stiffness * (past + short)
 
     def force(self, z: State, rate: State, theta: Scalar, turning: Scalar) -> State:
-        """Force on the coordinates beside that of engaged joints (O7), (O12).
+        """Force on the coordinates beside that of engaged joints (O7), (O13).
 
                That is without the torques of the joints that are `one_way`.
         `theta` is the driver's

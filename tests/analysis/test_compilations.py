@@ -123,6 +123,24 @@ def test_transient():
     assert found == dict.fromkeys(TYPES, 0)
 
 
+@pytest.mark.slow
+def test_motion_with_events():
+    drive, point = example("three_pulley")
+    joint = bj.Isolator((0.0, 0.0, 1.0), 200.0, rim_inertia=1e-4, law="decoupler")
+    dry = eqx.tree_at(
+        lambda d: (d.isolators, d.tensioner.friction_torque, d.tensioner.friction_speed), drive,
+        ((joint,), jnp.asarray(0.5), jnp.asarray(0.0)),
+    )  # fmt: skip
+    swung(dry, point)
+    other = eqx.tree_at(
+        lambda d: (d.isolators[0].law, d.tensioner.friction_torque), dry,
+        (jnp.asarray(3.0), jnp.asarray(0.2)),
+    )  # fmt: skip
+    with compilations() as count:
+        swung(other, point)
+    assert count == [0]
+
+
 def test_moving_beam():
     bj.moving_beam_modes(0.02, 0.5)
     for name, typed in TYPES.items():

@@ -1,17 +1,19 @@
-"""The orders that a command excites a drive with: its own, or those of the drive file."""
+"""The orders that a command excites a drive with, and its damping: its own, or the file's."""
 
 import dataclasses
 import os
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from beltjax.analysis.damping import Damping
 from beltjax.analysis.orders import ORDER, Orders, orders_of
 from beltjax.analysis.response import Excitation
 from beltjax.commands.reports.arguments import read_excited_orders, read_option
-from beltjax.commands.reports.response import commanded, is_free
+from beltjax.commands.reports.response import MODAL_DAMPING, commanded, is_free
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
+from beltjax.files.units import to_si
 
 
 class OrdersAsked(NamedTuple):
@@ -80,3 +82,13 @@ def _order(point: OperatingPoint, given: OrdersAsked) -> float:
         return given.order
     file = point.excitation
     return ORDER if file is None or file.order is None else float(file.order)
+
+
+def commanded_damping(modal: float | None, belt: str | None) -> Damping:
+    """A command's damping: of the modes, unless that of the belt is given."""
+    usual = MODAL_DAMPING if belt is None else 0.0
+    ratio = usual if modal is None else modal
+    damping = read_option("--modal-damping", lambda: Damping(modal=ratio))
+    if belt is None:
+        return damping
+    return read_option("--belt-damping", lambda: Damping(modal=ratio, belt=to_si(belt, "s")))

@@ -26,6 +26,10 @@ class MovedPulleyPart(Part):
         "logarithm of the tensions' ratio over friction times wrap, 1 where the belt slips; null "
         "without friction"
     )
+    overrun_per_period: Maybe = meaning(
+        "rad, by which a hub behind a decoupler or rigid clutch gains on its rim over the period "
+        "or the motion; null without a joint"
+    )
 
 
 class MovedSpanPart(Part):
@@ -47,6 +51,7 @@ class MovedCoordinatePart(Part):
     peak_to_peak: Maybe
     mean: Maybe = meaning("from the steady state")
     friction_work: Maybe = meaning("J over the period or the motion, of dry friction")
+    stuck_fraction: Maybe = meaning("part of the time in which dry friction holds it")
 
 
 class MovedIsolatorPart(Part):
@@ -84,11 +89,17 @@ def moved_parts(drive: Drive, m: Measures, friction_use: Any, good: bool) -> dic
         peak_to_peak=m.travels,
         mean=m.mean_motions,
         friction_work=m.friction_work,
+        stuck_fraction=m.stuck_fractions,
     )
     for one, body in zip(coordinates, drive.tensioners, strict=True):
         one["kind"] = kind_of(body)
     # Without a clutch none is asked for.
-    opened = m.open_fractions if len(m.open_fractions) else np.zeros(len(drive.isolators))
+    none = np.zeros(len(drive.isolators))
+    opened = m.open_fractions if len(m.open_fractions) else none
+    overrun = np.full(len(drive.pulleys), np.nan)
+    gained = m.overrun_per_period if len(m.overrun_per_period) else none
+    for part, angle in zip(drive.isolators, np.asarray(gained), strict=True):
+        overrun[np.asarray(part.pulleys) > 0] = angle
     tight = good and bool(np.min(m.tension_min) >= 0)
     return {
         "pulleys": listed(
@@ -97,6 +108,7 @@ def moved_parts(drive: Drive, m: Measures, friction_use: Any, good: bool) -> dic
             hub_rotation_amplitude=m.hub_rotation_amplitudes,
             hub_load_max=m.hub_load_max,
             friction_use_max=np.where(friction, friction_use, np.nan),
+            overrun_per_period=overrun,
         ),
         "spans": listed(
             drive.span_names,

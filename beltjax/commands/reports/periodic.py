@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from beltjax.analysis.damping import Damping
+from beltjax.analysis.moving import law_with_modes
 from beltjax.analysis.orders import Orders
 from beltjax.analysis.periodic import PeriodicResponse, periodic_response
 from beltjax.analysis.periodic_branch import PeriodicBranch, periodic_branch
@@ -26,7 +27,7 @@ from beltjax.commands.reports.documents import (
     model_flags,
     plain,
 )
-from beltjax.commands.reports.excited import OrdersAsked, excited_orders
+from beltjax.commands.reports.excited import OrdersAsked, commanded_damping, excited_orders
 from beltjax.commands.reports.moved import (
     COORDINATE_UNITS,
     MovedPart,
@@ -34,12 +35,12 @@ from beltjax.commands.reports.moved import (
     moved_tables,
 )
 from beltjax.commands.reports.report import Report
-from beltjax.commands.reports.response import MODAL_DAMPING
 from beltjax.commands.reports.tables import plain_table
 from beltjax.commands.reports.units import TableUnits
 from beltjax.commands.reports.vibrating import RPM, vibrating
 from beltjax.commands.reports.warnings import (
     file_warnings,
+    joined_clutches,
     periodic_warnings,
     range_warnings,
     warning_lines,
@@ -64,8 +65,14 @@ class MotionPart(MovedPart):
     stable: bool = meaning("whether small disturbances die out")
     multipliers: list[list[float]] = meaning("Floquet's, real and imaginary part, largest first")
     residual: Maybe = meaning("last correction over the size of the motion")
-    harmonics_error: Maybe = meaning("size of the last two harmonics over that of all")
-    conditioning: Maybe = meaning("distance from a fold: 0 at one")
+    harmonics_error: Maybe = meaning(
+        "size of the last two harmonics over that of all; of a motion with events an estimate of "
+        "what its steps miss"
+    )
+    conditioning: Maybe = meaning(
+        "distance from a fold: 0 at one; of a motion with events how clearly they are met: 0 "
+        "where one only touches"
+    )
     feasible: bool = meaning("whether every span is tight and no pulley slips")
     success: bool = meaning("whether a motion was found")
     failure: str | None = meaning("why there is none")
@@ -101,6 +108,7 @@ class PeriodicOptions(NamedTuple):
     branch: str | None = None  # "up" or "down"
     belt_speed: Literal["constant", "varying"] = "constant"
     driver: str | None = None
+    belt_damping: str | None = None
 
 
 def periodic_report(
@@ -122,8 +130,7 @@ def periodic_report(
         OrdersAsked(given.crank, given.torques, given.order, given.orders, given.driver),
     )
     speeds = _speeds(path, drive, point, given.speeds)
-    ratio = MODAL_DAMPING if given.modal_damping is None else given.modal_damping
-    damping = read_option("--modal-damping", lambda: Damping(modal=ratio))
+    damping = commanded_damping(given.modal_damping, given.belt_damping)
     # Before the first of many motions: whether there are enough harmonics.
     read_option("--harmonics", lambda: orders.forcing(drive.pulley_names, given.harmonics))
     if given.branch is not None:
@@ -138,7 +145,11 @@ def periodic_report(
     document = periodic_document(drive, given, orders, speeds, found)
     document |= {"at": where, "folds": folds, "flips": flips}
     document["success"] = document["success"] and whole
-    document["warnings"] += [*file_warnings(drive), *range_warnings(drive, point, speeds)]
+    document["warnings"] += [
+        *joined_clutches(drive, damping),
+        *file_warnings(drive),
+        *range_warnings(drive, point, speeds),
+    ]
     units = TableUnits(drive, si)
     files: tuple[tuple[str, bytes], ...] = ()
     if figure:
@@ -184,6 +195,10 @@ def _followed(
     """The branch over the range of the speeds; raises `FileError` where it does not begin."""
     advance("following the branch", 0, None)
     ends = (speeds[0], speeds[-1]) if given.branch == "up" else (speeds[-1], speeds[0])
+    law = law_with_modes(drive)
+    if law is not None:
+        message = f"follows motions without events, and {law} has them; leave --branch out"
+        raise FileError("--branch", "", message)
     branch = periodic_branch(
         drive, point, orders, *map(float, ends), harmonics=given.harmonics,
         functions=given.functions, damping=damping, belt_speed=given.belt_speed, throw=False,

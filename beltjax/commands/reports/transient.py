@@ -8,7 +8,6 @@ import numpy as np
 from rich.console import Group
 from rich.markup import escape
 
-from beltjax.analysis.damping import Damping
 from beltjax.analysis.driver_motion import CrankSignal
 from beltjax.analysis.motion import driver_speed
 from beltjax.analysis.orders import Orders
@@ -22,15 +21,16 @@ from beltjax.commands.reports.documents import (
     model_flags,
     plain,
 )
-from beltjax.commands.reports.excited import OrdersAsked, excited_orders
+from beltjax.commands.reports.excited import OrdersAsked, commanded_damping, excited_orders
 from beltjax.commands.reports.moved import MovedPart, moved_parts, moved_tables
 from beltjax.commands.reports.report import Report
-from beltjax.commands.reports.response import MODAL_DAMPING, is_free
+from beltjax.commands.reports.response import is_free
 from beltjax.commands.reports.tables import plain_table
 from beltjax.commands.reports.units import TableUnits
 from beltjax.commands.reports.vibrating import RPM, vibrating
 from beltjax.commands.reports.warnings import (
     file_warnings,
+    joined_clutches,
     range_warnings,
     transient_warnings,
     warning_lines,
@@ -91,6 +91,7 @@ class TransientOptions(NamedTuple):
     modal_damping: float | None
     functions: int
     duty: str | None = None
+    belt_damping: str | None = None
 
 
 class _Course(NamedTuple):
@@ -118,8 +119,7 @@ def transient_report(
         raise FileError(path, "excitation.driver", message)
     orders = _orders(path, drive, point, given)
     course = _course(path, drive, point, given)
-    ratio = MODAL_DAMPING if given.modal_damping is None else given.modal_damping
-    damping = read_option("--modal-damping", lambda: Damping(modal=ratio))
+    damping = commanded_damping(given.modal_damping, given.belt_damping)
     found = transient(
         drive, point, profile=course.knots, orders=orders, crank=course.signal,
         functions=given.functions, damping=damping, advance=advance, throw=False,
@@ -127,7 +127,11 @@ def transient_report(
     document = transient_document(drive, given, orders, course.knots, found)
     speeds = np.sort(course.knots[:, 1])
     document["at"] = where
-    document["warnings"] += [*file_warnings(drive), *range_warnings(drive, point, speeds)]
+    document["warnings"] += [
+        *joined_clutches(drive, damping),
+        *file_warnings(drive),
+        *range_warnings(drive, point, speeds),
+    ]
     units, (netcdf, figure) = TableUnits(drive, si), outputs
     files = []
     if netcdf:

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from rich.text import Text
 
+from beltjax.analysis.damping import Damping
 from beltjax.analysis.periodic import STEEPEST, PeriodicResponse
 from beltjax.analysis.response import Response
 from beltjax.analysis.steady import FARTHEST, STIFFEST, SteadyState
@@ -21,7 +22,7 @@ from beltjax.drive.numbers import with_number
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.shafts import transmission
 from beltjax.drive.system import Drive
-from beltjax.results import succeeded, successes
+from beltjax.results import RESULTS, succeeded, successes
 
 Warnings = list[dict[str, str]]
 
@@ -288,6 +289,13 @@ def periodic_warnings(
             table(lambda one: one.friction_use) > 1,
             pulleys,
         ),
+        *_where(
+            "grazing",
+            "an event only just happens, and derivatives hold as long as it does",
+            rpm,
+            table(lambda one: one.warning == RESULTS.grazing)[:, None],
+            [""],
+        ),
     ]
 
 
@@ -309,6 +317,18 @@ def transient_warnings(drive: Drive, found: Transient) -> Warnings:
             if np.any(bad)
         ),
     ]
+
+
+def joined_clutches(drive: Drive, damping: Damping) -> Warnings:
+    """Clutches whose sides modal damping joins while they are open."""
+    clutches = [part.name for part in drive.isolators if float(part.law)]
+    if not (clutches and float(damping.modal)):
+        return []
+    text = (
+        "modal damping joins rim and hub also while a clutch is open, and brakes its overrun: "
+        f"{', '.join(clutches)}; give --belt-damping in its place"
+    )
+    return [{"code": "damping_joins_clutch", "text": text}]
 
 
 def _largest_multiplier(found: PeriodicResponse) -> Any:

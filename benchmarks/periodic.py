@@ -6,7 +6,7 @@ degrees twice a rotation: 119 coordinates, 16 functions a span, 10 harmonics. Th
 from the linear oscillation until a period changes the arm's travel by less than 1e-7. Errors are those of the arm's travel
 against 20 harmonics; of slopes, by the arm's stiffness against a central difference.
 
-    python benchmarks/time.py [--batch 64] [--functions 16] [--harmonics 10]
+    python benchmarks/periodic.py [--batch 64] [--functions 16] [--harmonics 10]
 """
 
 import argparse
@@ -54,9 +54,9 @@ class Equations:
     def __init__(self, found):
         m = found.excited.model
         self.count, self.functions = len(m.work), m.functions
-        names = ("mass", "damping", "stiffness", "elongations", "driving", "work", "bodies")
-        for name in names:
-            setattr(self, name, np.asarray(getattr(m, name)))
+        self.mass, self.damping, self.stiffness = map(np.asarray, (m.mass, m.damping, m.stiffness))
+        self.elongations, self.driving = np.asarray(m.elongations), np.asarray(m.driving)
+        self.work, self.bodies = np.asarray(m.work), np.asarray(m.bodies)
         self.inverse = np.linalg.inv(self.mass)
         self.frequency = float(found.excited.frequency)
         self.driver, self.load = (np.asarray(x) for x in (found.excited.driver, found.excited.load))
@@ -137,12 +137,13 @@ def timed(function, *arguments):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description="Periodic motion")
     parser.add_argument("--batch", type=int, default=64)
     parser.add_argument("--functions", type=int, default=16)
     parser.add_argument("--harmonics", type=int, default=10)
     given = parser.parse_args()
     how = given.harmonics, given.functions
+    assert DRIVE.tensioner is not None
     stiffness = DRIVE.tensioner.stiffness
     speeds = jnp.asarray(SPEED * np.linspace(0.9, 1.1, given.batch))
     fine = float(travel(stiffness, SPEED, 20, given.functions))
