@@ -8,6 +8,7 @@ from .analysis.contact_path import BeltPiece as BeltPiece
 from .analysis.contact_path import belt_pieces as belt_pieces
 from .analysis.contact_path import span_deflection as span_deflection
 from .analysis.damping import Damping as Damping
+from .analysis.driver_motion import CrankSignal as CrankSignal
 from .analysis.duties import duty_states as duty_states
 from .analysis.friction import lock_torque as lock_torque
 from .analysis.linearization import Linearization as Linearization
@@ -42,6 +43,9 @@ from .analysis.steady import steady_state as steady_state
 from .analysis.sweep import Sweep as Sweep
 from .analysis.sweep import sweep as sweep
 from .analysis.tracking import Veering as Veering
+from .analysis.transient import PeakSpeeds as PeakSpeeds
+from .analysis.transient import Transient as Transient
+from .analysis.transient import transient as transient
 from .compiling.cache import use_cache as use_cache
 from .compiling.quick import quick_jit as quick_jit
 from .compiling.quick import thorough_jit as thorough_jit

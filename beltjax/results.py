@@ -76,6 +76,8 @@ if TYPE_CHECKING:
         span_slack_in_motion: "RESULTS"
         slope_too_large: "RESULTS"
         belt_slips_in_motion: "RESULTS"
+        too_many_steps: "RESULTS"
+        motion_not_finite: "RESULTS"
         too_many_events: "RESULTS"
         grazing: "RESULTS"
         motion_has_modes: "RESULTS"
@@ -238,10 +240,18 @@ else:
             "motion, and slip is not in the model. `friction_use` shows which pulley; lower the "
             "excitation or raise the tension."
         )
+        too_many_steps = (
+            "The motion took more steps in time than allowed. Shorten it, raise max_steps, use "
+            'fewer functions, or method="implicit" for friction with a small friction_speed.'
+        )
+        motion_not_finite = (
+            "The motion grew beyond all numbers: its excitation, a rate of its speed or a number "
+            "of the drive is far out of the ordinary. Lower the excitation, or add damping."
+        )
         too_many_events = (
-            "Tensioners stick and slip, or clutches open and close, more than 32 times in a "
-            "period. Look for friction that is far out of the ordinary, or give the friction a "
-            "friction_speed."
+            "Tensioners stick and slip, or clutches open and close, more often than is followed: "
+            "32 times in a period of shooting, and max_events times in a transient. Look for "
+            "friction that is far out of the ordinary, or give the friction a friction_speed."
         )
         grazing = (
             "An event of the motion only just happens: a tensioner that barely stops or slips, or "

@@ -59,8 +59,8 @@ def moved(drive, speed, forcing, samples):
     excited, lin, whole, none = excited_at(drive, speed, forcing)
     orbit = periodic_orbit(oscillator, excited, len(forcing.crank) - 1, samples, past_folds=True)
     coefficients = widened(none, orbit.coefficients)
-    signals = Signals(lin, whole, HarmonicMotion(coefficients, excited.frequency), excited.driver)
-    found = measures(signals, samples)
+    motion = HarmonicMotion(coefficients, excited.driver, excited.frequency)
+    found = measures(Signals(lin, whole, motion), samples)
     return orbit, found, multipliers(oscillator, excited, orbit.coefficients, 800)
 
 

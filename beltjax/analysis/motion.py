@@ -1,5 +1,6 @@
 """Motion of finite amplitude of a linearized drive, as an oscillator with a periodic force."""
 
+import dataclasses
 from typing import NamedTuple
 
 import equinox as eqx
@@ -11,7 +12,7 @@ from jaxtyping import Array, Complex, Float
 from beltjax.analysis.damping import Damping, damping_matrix
 from beltjax.analysis.linearization import Linearization
 from beltjax.analysis.orders import Forcing
-from beltjax.analysis.response import moments_on_rotors
+from beltjax.analysis.response import driver_moments
 from beltjax.analysis.steady import SteadyState
 from beltjax.drive.bodies import bodies
 from beltjax.drive.groups import Scales
@@ -25,12 +26,14 @@ from beltjax.physics.accessories import Accessories
 from beltjax.physics.friction import Friction, Loaded
 from beltjax.physics.joints import Joints
 from beltjax.physics.motion import (
+    BeltSpeed,
+    Driving,
     MotionModel,
     SpanPaths,
-    dry_friction,
+    beside_linear,
     quadratic_strains,
-    stretching,
 )
+from beltjax.physics.vibration import acceleration, convection
 
 LAYERED = 8  # functions of a span from which four of them are its ends' layers
 _LAYERS = 4
@@ -61,6 +64,7 @@ def motion_model(
     damping: Damping,
     paths: SpanPaths | None = None,
     joints: Joints | None = None,
+    speed: BeltSpeed | None = None,
     accessories: Accessories | None = None,
     loaded: Loaded | None = None,
 ) -> MotionModel:
@@ -83,27 +87,62 @@ def motion_model(
             loaded=loaded,
         ),
         joints=joints,
+        speed=speed,
         accessories=accessories,
-        rigid=_rigid_rotation(lin) if lin.free else None,
+        rigid=rigid_rotation(lin) if lin.free else None,
         functions=lin.basis.size,
     )
 
 
-def _rigid_rotation(lin: Linearization) -> Float[Array, " size"]:
-    """The rotation of a free drive that strains nothing, per rotation of the driver."""
+def belt_speeds(drive: Drive, point: OperatingPoint, lin: Linearization) -> BeltSpeed:
+    """Belts that follow the driver's speed, dimensionless.
+
+    They are uniform along themselves, and a belt that a shaft or an isolator drives follows the
+    driver's rotation, not that of what turns it.
+    """
+    m, length, time = lin.model, lin.scales.length, lin.scales.time
+    rates = belt_travels(drive, point) / length  # of the belts' speed by the driver's
+    gained = acceleration(m, lin.basis, lin.elongations, lin.rotors, rates)
+    carried = convection(m, lin.basis, lin.rotors, rates)
+    return BeltSpeed(
+        gyroscopic=carried - carried.T,
+        centrifugal=m.lam * m.mu * rates**2,
+        accelerated=gained.matrix,
+        bent=gained.steady,
+        omega0=driver_speed(drive, point) * time,
+    )
+
+
+def belt_travels(drive: Drive, point: OperatingPoint) -> Float[Array, " pulleys"]:
+    """By how much the belt of each pulley moves per radian of the driver [m]."""
+    unit = dataclasses.replace(point, belt_speed=None, driver_speed=jnp.ones(()), load={})
+    return transmission(drive, unit).speeds
+
+
+def driver_speed(drive: Drive, point: OperatingPoint) -> Float[Array, ""]:
+    """Speed of the driver [rad/s]."""
+    return point.speed(drive) / (drive.drives @ drive.radii)
+
+
+def rigid_rotation(lin: Linearization) -> Float[Array, " size"]:
+    """The rotation of the drive that strains nothing, per rotation of the driver."""
     m, n = lin.model, lin.spans * lin.basis.size
-    of_others = m.turns[:, lin.rotors[1:]]  # the driver comes first
+    others = lin.rotors[1:] if lin.free else lin.rotors  # the driver comes first
+    of_others = m.turns[:, others]
     weighted = of_others.T * (m.lam * m.gam)
-    springs = m.K_r[lin.rotors[1:]]
-    matrix = weighted @ of_others + springs[:, lin.rotors[1:]]
+    springs = m.K_r[others]
+    matrix = weighted @ of_others + springs[:, others]
     load = weighted @ m.turns[:, lin.driver] + springs[:, lin.driver]
-    turned = jnp.concatenate([jnp.ones(1), -jnp.linalg.solve(matrix, load)])
+    turned = -jnp.linalg.solve(matrix, load)
+    if lin.free:
+        turned = jnp.concatenate([jnp.ones(1), turned])
     return jnp.zeros(len(lin.mass)).at[n : n + len(lin.rotors)].set(turned)
 
 
 def accessories_of(drive: Drive, point: OperatingPoint, lin: Linearization) -> Accessories:
     """The loads of the operating point; those on the driver's shaft are not counted."""
     driven = transmission(drive, point)
+    ratios = belt_travels(drive, point) / drive.radii
     places = np.array([drive.pulley(name) for name in point.load])
     counted = (1 - driven.driving[places])[:, None]
     n = lin.spans * lin.basis.size
@@ -115,6 +154,7 @@ def accessories_of(drive: Drive, point: OperatingPoint, lin: Linearization) -> A
         torques=tuple(_Taken(load, lin.scales) for load in point.load.values()),
         rows=rows,
         speeds=(driven.speeds / drive.radii)[places] * lin.scales.time,
+        ratios=ratios[places],
     )
 
 
@@ -240,29 +280,42 @@ def narrowed(
     return jnp.concatenate([fields.reshape(*load.shape[:-1], -1), load[..., spans * n :]], axis=-1)
 
 
+def transmitted(lin: Linearization, damping: Damping) -> Float[Array, "3 size"]:
+    """Force on each coordinate by the driver's angle, rate and acceleration.
+
+    It stands on the left of (O2), beside what the stretch of the spans transmits.
+    """
+    m = lin.model
+    by_angle, by_rate, by_acceleration = driver_moments(lin, damping)
+    stiffness, belt = damping.stiffness / lin.scales.time, damping.belt / lin.scales.time
+    of_belt = (stiffness + belt) * (lin.elongations.T @ (m.lam * m.gam * lin.driving))
+    n = lin.spans * lin.basis.size
+    by_angle, by_rate, by_acceleration = (
+        jnp.zeros(len(lin.mass)).at[n : n + len(lin.rotors)].set(moments)
+        for moments in (by_angle, by_rate + stiffness * by_angle, by_acceleration)
+    )
+    return jnp.stack([by_angle, by_rate + of_belt, by_acceleration])
+
+
+def torque_loads(lin: Linearization) -> Float[Array, "pulleys size"]:
+    """Load on each coordinate per unit torque on the hub of each pulley [1/(N m)]."""
+    n = lin.spans * lin.basis.size
+    on_rotors = lin.steady.groups.hubs[:, lin.rotors] / lin.scales.energy
+    return jnp.zeros((lin.spans, len(lin.mass))).at[:, n : n + len(lin.rotors)].set(on_rotors)
+
+
 def load_series(
     lin: Linearization, forcing: Forcing, frequency: Float[Array, ""], damping: Damping
 ) -> tuple[Float[Array, " terms"], Float[Array, "terms size"]]:
     """The driver's rotation, and the load on each coordinate beside what its stretch transmits."""
-    m = lin.model
-    omega = frequency * jnp.arange(len(forcing.crank))
-
-    def at(
-        omega: Float[Array, ""], crank: Complex[Array, ""], torques: Complex[Array, " pulleys"]
-    ) -> Complex[Array, " size"]:
-        lag = 1j * omega * damping.stiffness / lin.scales.time  # of a damped stiffness
-        of_belt = lag + 1j * omega * damping.belt / lin.scales.time
-        load = -of_belt * crank * (lin.elongations.T @ (m.lam * m.gam * lin.driving))
-        forces = torques / lin.scales.energy
-        moments = moments_on_rotors(lin, omega, crank, forces, damping, 1 + lag)
-        n = lin.spans * lin.basis.size
-        return load.at[n : n + len(lin.rotors)].add(moments)
-
-    load = jax.vmap(at)(omega, forcing.crank, forcing.torques)
-    return _real_series(forcing.crank), _real_series(load)
+    driver = real_series(forcing.crank)
+    rate = frequency * derived(driver[:, None])
+    gained = frequency * derived(rate)
+    passed = jnp.concatenate([driver[:, None], rate, gained], axis=1) @ transmitted(lin, damping)
+    return driver, real_series(forcing.torques) @ torque_loads(lin) - passed
 
 
-def _real_series(amplitudes: Complex[Array, "harmonics *rest"]) -> Float[Array, "terms *rest"]:
+def real_series(amplitudes: Complex[Array, "harmonics *rest"]) -> Float[Array, "terms *rest"]:
     """Coefficients of the sum of Re(z_k e^{i k tau})."""
     waves = jnp.stack([amplitudes[1:].real, -amplitudes[1:].imag], axis=1)
     return jnp.concatenate([amplitudes[:1].real, waves.reshape(-1, *amplitudes.shape[1:])])
@@ -270,20 +323,16 @@ def _real_series(amplitudes: Complex[Array, "harmonics *rest"]) -> Float[Array, 
 
 def oscillator(excited: Excited, part: Float[Array, ""]) -> Oscillator:
     """The equations of motion under that part of the excitation."""
-    m, harmonics = excited.model, len(excited.driver) // 2
+    m, w, harmonics = excited.model, excited.frequency, len(excited.driver) // 2
+    by_time = w * derived(excited.driver[:, None])
+    by_time, twice_by_time = by_time[:, 0], w * derived(by_time)[:, 0]
 
     def force(
         z: Float[Array, " size"], rate: Float[Array, " size"], phase: Float[Array, ""]
     ) -> Float[Array, " size"]:
         of = part * series(phase, harmonics)
-        theta = of @ excited.driver
-        found = stretching(m, z, theta) + dry_friction(m, z, rate, theta) - of @ excited.load
-        if m.accessories is not None:
-            found = found + m.accessories.force(rate)
-        if m.joints is None:
-            return found
-        turning = excited.frequency * (of @ derived(excited.driver[:, None])[:, 0])
-        return found + m.joints.force(z, rate, theta, turning)
+        now = Driving(of @ excited.driver, of @ by_time, of @ twice_by_time)
+        return beside_linear(m, z, rate, now) - of @ excited.load
 
     neutral = None
     if m.rigid is not None:

@@ -1,5 +1,6 @@
-"""What a periodic motion does to the parts of a drive: amplitudes, extremes of tension, slip."""
+"""What a motion does to the parts of a drive: amplitudes, extremes of tension, slip."""
 
+import abc
 from collections.abc import Callable
 
 import equinox as eqx
@@ -9,9 +10,10 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from beltjax.analysis.linearization import Linearization
-from beltjax.analysis.orbit_motion import AbstractMotion, PhaseGrid
+from beltjax.analysis.orbit_motion import AbstractMotion, MotionGrid
+from beltjax.compiling.quick import usual_promotion
 from beltjax.drive.readable import Readable
-from beltjax.numerics.harmonic_balance import series
+from beltjax.drive.system import Drive
 from beltjax.numerics.roots import solve_dense
 from beltjax.physics.motion import MotionModel, strains
 
@@ -21,7 +23,9 @@ _MOST = 1e6  # slip exponent of a pulley beside a span without tension
 
 
 class Measures(Readable):
-    """Extremes of a motion over its period, all in SI units; deviations from the steady state.
+    """Extremes of a motion, all in SI units; deviations from the steady state.
+
+    A periodic motion is measured over its period, a transient one over all of its time.
 
     Their derivatives are exact: an extreme's own place in time changes nothing to first order.
     """
@@ -31,14 +35,14 @@ class Measures(Readable):
     travels: Float[Array, " tensioners"]  # peak to peak [rad] or [m]
     mean_motions: Float[Array, " tensioners"]  # [rad] or [m]
     greatest_motions: Float[Array, "tensioners 2"]  # least and greatest [rad] or [m]
-    friction_work: Float[Array, " tensioners"]  # of their dry friction over a period [J]
-    stuck_fractions: Float[Array, " tensioners"]  # part of the period in which it holds them
-    open_fractions: Float[Array, " isolators"]  # part of the period in which a clutch is open
+    friction_work: Float[Array, " tensioners"]  # of their dry friction [J]
+    stuck_fractions: Float[Array, " tensioners"]  # part of the time in which it holds them
+    open_fractions: Float[Array, " isolators"]  # part of the time in which a clutch is open
     overrun_per_period: Float[Array, " isolators"]  # of the hub beyond the rim [rad]
     overrun_speeds: Float[Array, " isolators"]  # by which the hub turns faster on average [rad/s]
     tension_min: Float[Array, " spans"]  # [N]
     tension_max: Float[Array, " spans"]  # [N]
-    slack_fractions: Float[Array, " spans"]  # part of the period with a tension below 0
+    slack_fractions: Float[Array, " spans"]  # part of the time with a tension below 0
     span_peaks: Float[Array, " spans"]  # largest deflection over each span [m]
     slope_max: Float[Array, " spans"]  # largest slope of the deflection
     hub_load_max: Float[Array, " pulleys"]  # [N], of the vector sum of the effective tensions
@@ -47,16 +51,23 @@ class Measures(Readable):
 
 
 class Signals(eqx.Module):
-    """A periodic motion as functions of its phase, in SI units."""
+    """A motion as functions of its variable, in SI units."""
 
     linearization: Linearization
     model: MotionModel
     motion: AbstractMotion
-    driver: Float[Array, " terms"]
 
     def state(self, phase: Float[Array, ""]) -> tuple[Float[Array, " size"], Float[Array, ""]]:
         """Coordinates and the driver's rotation."""
-        return self.motion.at(phase), series(phase, len(self.driver) // 2) @ self.driver
+        return self.motion.at(phase), self.motion.turned(phase)
+
+    def effective(self, phase: Float[Array, ""]) -> Float[Array, " spans"]:
+        """Tension of each span less what turns the belt round, dimensionless."""
+        lin, speed = self.linearization, self.model.speed
+        Q = lin.steady.effective_tensions + self.gains(phase) / lin.scales.tension
+        if speed is None:
+            return Q
+        return Q - speed.relief(speed.omega0 + self.motion.faster(phase)) / lin.model.lam
 
     def rotors(self, phase: Float[Array, ""]) -> Float[Array, " rotors"]:
         """Rotations of all rotors [rad]."""
@@ -77,23 +88,66 @@ class Signals(eqx.Module):
     def hub_loads(self, phase: Float[Array, ""]) -> Float[Array, " pulleys"]:
         """Load on each hub [N], without the part of the tensions that turns the belt round."""
         lin, loops = self.linearization, self.linearization.steady.groups.loops
-        pulls = lin.steady.effective_tensions * lin.scales.tension + self.gains(phase)
+        pulls = lin.scales.tension * self.effective(phase)
         pulls = pulls[:, None] * lin.steady.reference.layout.directions
         square = jnp.sum((pulls - loops.preceding(pulls)) ** 2, axis=1)
         return jnp.sqrt(jnp.where(square > 0, square, 1e-300))
 
     def slip_exponents(self, phase: Float[Array, ""]) -> Float[Array, " pulleys"]:
         """|ln(Q_out/Q_in)| of each pulley."""
-        lin, loops = self.linearization, self.linearization.steady.groups.loops
-        Q = lin.steady.effective_tensions + self.gains(phase) / lin.scales.tension
+        Q, loops = self.effective(phase), self.linearization.steady.groups.loops
         pulled = Q > 0
         logarithm = jnp.log(jnp.where(pulled, Q, 1.0))
         both = pulled & loops.preceding(pulled)
         return jnp.where(both, jnp.abs(logarithm - loops.preceding(logarithm)), _MOST)
 
 
+class OverTime(eqx.Module):
+    """A motion that is asked for at times."""
+
+    linearization: eqx.AbstractVar[Linearization]
+    signals: eqx.AbstractVar[Signals]
+
+    @abc.abstractmethod
+    def _variable(self, times: Float[Array, " times"]) -> Float[Array, " times"]:
+        """The motion's own variable at times [s]."""
+
+    @usual_promotion
+    def at(self, t: Array | np.ndarray | float) -> Float[Array, "*times size"]:
+        """Deviation from the steady state at times [s], in the linearization's coordinates."""
+        return self._over(lambda at: self.signals.state(at)[0], t)
+
+    @usual_promotion
+    def rotations(self, t: Array | np.ndarray | float) -> Float[Array, "*times pulleys"]:
+        """Rotations of the hubs beyond their mean speed at times [s], in [rad]."""
+        return self._over(lambda at: self.linearization.of_pulleys(self.signals.rotors(at)), t)
+
+    @usual_promotion
+    def tensioner_motions(self, t: Array | np.ndarray | float) -> Float[Array, "*times tensioners"]:
+        """Motions of the tensioners from the steady state at times [s], in [rad] or [m]."""
+        return self._over(self.signals.motions, t)
+
+    @usual_promotion
+    def tensions(self, t: Array | np.ndarray | float) -> Float[Array, "*times spans"]:
+        """Tensions of the spans at times [s], in [N]."""
+        running = self.linearization.steady.running_tensions
+        return running + self._over(self.signals.gains, t)
+
+    @usual_promotion
+    def hub_loads(self, t: Array | np.ndarray | float) -> Float[Array, "*times pulleys"]:
+        """Load on each hub at times [s], of the vector sum of the effective tensions, in [N]."""
+        return self._over(self.signals.hub_loads, t)
+
+    def _over(
+        self, function: Callable[[Float[Array, ""]], Array], t: Array | np.ndarray | float
+    ) -> Float[Array, "*times items"]:
+        times = jnp.asarray(t, float)
+        found = jax.vmap(function)(self._variable(times.ravel()))
+        return found.reshape(*times.shape, *found.shape[1:])
+
+
 def measures(signals: Signals, samples: int) -> Measures:
-    """Extremes of the motion, whose coefficients were found with that many samples."""
+    """Extremes of the motion; a periodic one was found with that many samples."""
     lin = signals.linearization
     groups, steady = lin.steady.groups, lin.steady
     motion, model = signals.motion, signals.model
@@ -108,7 +162,7 @@ def measures(signals: Signals, samples: int) -> Measures:
     sizes = [lin.spans, lin.spans, lin.bodies, lin.spans, lin.spans]
     ends = jnp.split(extremes(all_of, signals, grid), np.cumsum(sizes), axis=1)
     rims, hubs, motions, gains, loads, use = ends
-    slack = jax.vmap(signals.gains)(grid.phases) + steady.running_tensions < 0
+    slack = jax.vmap(signals.gains)(grid.at) + steady.running_tensions < 0
     peaks, slopes = _deflections(signals, grid)
     overrun = motion.overrun(model)
     return Measures(
@@ -117,11 +171,11 @@ def measures(signals: Signals, samples: int) -> Measures:
         travels=motions[1] - motions[0],
         mean_motions=lin.split(motion.mean())[2] * lin.units,
         greatest_motions=motions.T,
-        friction_work=motion.friction_work(model, signals.driver, grid) * lin.scales.energy,
+        friction_work=motion.friction_work(model, grid) * lin.scales.energy,
         stuck_fractions=motion.stuck(model),
         open_fractions=motion.open(model, _wind_ups(signals, grid), grid.weights),
         overrun_per_period=overrun,
-        overrun_speeds=overrun * motion.frequency / (2 * jnp.pi * lin.scales.time),
+        overrun_speeds=overrun / (motion.duration * lin.scales.time),
         tension_min=steady.running_tensions + gains[0],
         tension_max=steady.running_tensions + gains[1],
         slack_fractions=grid.weights @ slack.astype(float),
@@ -132,24 +186,24 @@ def measures(signals: Signals, samples: int) -> Measures:
     )
 
 
-def _wind_ups(signals: Signals, grid: PhaseGrid) -> Float[Array, "times joints"]:
-    """Wind-up of each joint over the period."""
+def _wind_ups(signals: Signals, grid: MotionGrid) -> Float[Array, "times joints"]:
+    """Wind-up of each joint over the motion."""
     joints = signals.model.joints
     if joints is None:
-        return jnp.zeros((len(grid.phases), 0))
-    return jax.vmap(lambda phase: joints.wind_ups(*signals.state(phase)))(grid.phases)
+        return jnp.zeros((len(grid.at), 0))
+    return jax.vmap(lambda phase: joints.wind_ups(*signals.state(phase)))(grid.at)
 
 
 def extremes(
     function: Callable[[Signals, Float[Array, ""]], Float[Array, " items"]],
     signals: Signals,
-    grid: PhaseGrid,
+    grid: MotionGrid,
 ) -> Float[Array, "2 items"]:
-    """Least and greatest value over the period of each item of a function of the phase.
+    """Least and greatest value over the motion of each item of a function of its variable.
 
-    The best of the phases given is refined by Newton's method.
+    The best of the points given is refined by Newton's method.
     """
-    phases, _, reach = grid
+    phases, _, reach, limits = grid
     fixed = jax.lax.stop_gradient(signals)
     values = jax.vmap(lambda phase: function(fixed, phase))(phases)
     starts = phases[jnp.stack([jnp.argmin(values, axis=0), jnp.argmax(values, axis=0)])]
@@ -167,7 +221,8 @@ def extremes(
         first, second = jax.vmap(jax.vmap(slopes), (0, None))(at, jnp.arange(at.shape[1]))
         curved = sign * second > 0
         step = jnp.where(curved, -first / jnp.where(curved, second, 1.0), 0.0)
-        return jnp.clip(at + step, starts - reach, starts + reach)
+        near = jnp.clip(at + step, starts - reach, starts + reach)
+        return jnp.clip(near, *limits)
 
     at = jax.lax.fori_loop(0, _REFINEMENTS, newton, starts)
     # At a kink, and on a plateau, the best of the given ones is the extreme itself.
@@ -180,10 +235,10 @@ def extremes(
 
 
 def _deflections(
-    signals: Signals, times: PhaseGrid
+    signals: Signals, times: MotionGrid
 ) -> tuple[Float[Array, " spans"], Float[Array, " spans"]]:
     """Largest deflection of each span over its length, and largest slope, in space and time."""
-    lin, phases = signals.linearization, times.phases
+    lin, phases = signals.linearization, times.at
     fixed = jax.lax.stop_gradient(signals)
     grid = jnp.linspace(0.0, 1.0, _PLACES)
     states = jax.vmap(lambda phase: fixed.state(phase)[0])(phases)
@@ -206,10 +261,18 @@ def _deflections(
             step = -solve_dense(jnp.stack([second, mixed]), first)
             step = jnp.where(curved, step, 0.0)
             point = jnp.clip(point + step, start - reach, start + reach)
-            return point.at[0].set(jnp.clip(point[0], 0.0, 1.0))
+            return jnp.stack([jnp.clip(point[0], 0.0, 1.0), jnp.clip(point[1], *times.limits)])
 
         point = jax.lax.fori_loop(0, _REFINEMENTS, newton, start)
         steepest = jnp.max(jnp.abs(jax.vmap(lambda z: lin.deflection(z, i, grid, 1))(states)))
         return sign * at(signals, point), steepest
 
     return jax.vmap(of_span)(jnp.arange(lin.spans))
+
+
+def friction_use(drive: Drive, lin: Linearization, found: Measures) -> Float[Array, " pulleys"]:
+    """Largest |ln(Q_out/Q_in)| over friction times wrap; 0 where there is no friction."""
+    none = jnp.zeros(())
+    friction = jnp.stack([none if p.friction is None else p.friction for p in drive.pulleys])
+    hold = friction * lin.steady.reference.layout.wraps
+    return jnp.where(hold > 0, found.slip_exponent_max / jnp.where(hold > 0, hold, 1.0), 0.0)

@@ -1,40 +1,39 @@
 """Periodic vibration of finite amplitude: the motion, its stability, and its derivatives."""
 
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from beltjax.analysis.damping import Damping
-from beltjax.analysis.linearization import Linearization, linearize
+from beltjax.analysis.linearization import Linearization
 from beltjax.analysis.motion import (
     Excited,
-    accessories_of,
-    joints_of,
-    layered_shapes,
+    driver_speed,
     load_series,
-    loaded_friction,
-    motion_model,
     narrowed,
     oscillator,
-    span_paths,
     widened,
 )
-from beltjax.analysis.orbit_measures import Measures, Signals, measures
+from beltjax.analysis.moving import (
+    ModelAsked,
+    any_of,
+    counted,
+    law_with_modes,
+    moving,
+    require_functions,
+)
+from beltjax.analysis.orbit_measures import Measures, OverTime, Signals, friction_use, measures
 from beltjax.analysis.orbit_motion import HarmonicMotion, SteppedMotion
 from beltjax.analysis.orders import Forcing, Orders, given_forcing
 from beltjax.analysis.shooting import shot_system
-from beltjax.analysis.steady import steady_state
-from beltjax.compiling.quick import boundary_jit, usual_promotion
+from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.canonical import canonical, strongly_typed
-from beltjax.drive.components import as_real, concrete
+from beltjax.drive.components import as_real
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
-from beltjax.numerics.bases import AbstractBasis, Legendre
+from beltjax.numerics.bases import AbstractBasis
 from beltjax.numerics.periodic import (
     Orbit,
     conditioning,
@@ -43,8 +42,7 @@ from beltjax.numerics.periodic import (
     periodic_orbit,
 )
 from beltjax.numerics.shooting import ShotOrbit, shot_multipliers, shot_orbit
-from beltjax.physics.joints import DECOUPLER
-from beltjax.physics.motion import MotionModel, projected
+from beltjax.physics.motion import MotionModel
 from beltjax.physics.set_valued import has_modes
 from beltjax.results import (
     RESULTS,
@@ -54,9 +52,9 @@ from beltjax.results import (
     succeeded,
 )
 
-_FINE = 32  # Legendre functions from which the layered ones are combined
 STEEPEST = 0.2  # slope above which small slopes are no good approximation
 _PER_HARMONIC = 8  # samples
+BELT_SPEEDS = "constant", "varying"
 
 
 class HarmonicBalance(eqx.Module):
@@ -81,7 +79,7 @@ class Shooting(eqx.Module):
             raise ValueError(f"Shooting.steps: found {self.steps}; give 8 or more, usually 160.")
 
 
-class PeriodicResponse(eqx.Module):
+class PeriodicResponse(OverTime):
     """A periodic motion of a drive about its steady state."""
 
     # Fourier coefficients of the deviation in the linearization's coordinates: the mean, then the
@@ -125,35 +123,8 @@ class PeriodicResponse(eqx.Module):
             raise ValueError("PeriodicResponse.stable: was left out; leave out stability=False.")
         return jnp.abs(self.multipliers[0]) < 1
 
-    @usual_promotion
-    def at(self, t: Array | np.ndarray | float) -> Float[Array, "*times size"]:
-        """Deviation from the steady state at times [s], in the linearization's coordinates."""
-        return self._over(lambda phase: self.signals.state(phase)[0], t)
-
-    @usual_promotion
-    def rotations(self, t: Array | np.ndarray | float) -> Float[Array, "*times pulleys"]:
-        """Rotations of the hubs beyond their mean speed at times [s], in [rad]."""
-        return self._over(
-            lambda phase: self.linearization.of_pulleys(self.signals.rotors(phase)), t
-        )
-
-    @usual_promotion
-    def tensioner_motions(self, t: Array | np.ndarray | float) -> Float[Array, "*times tensioners"]:
-        """Motions of the tensioners from the steady state at times [s], in [rad] or [m]."""
-        return self._over(self.signals.motions, t)
-
-    @usual_promotion
-    def tensions(self, t: Array | np.ndarray | float) -> Float[Array, "*times spans"]:
-        """Tensions of the spans at times [s], in [N]."""
-        running = self.linearization.steady.running_tensions
-        return running + self._over(self.signals.gains, t)
-
-    def _over(
-        self, function: Callable[[Float[Array, ""]], Array], t: Array | np.ndarray | float
-    ) -> Float[Array, "*times items"]:
-        times = jnp.asarray(t, float)
-        found = jax.vmap(function)(self.frequency * times.ravel())
-        return found.reshape(*times.shape, *found.shape[1:])
+    def _variable(self, times: Float[Array, " times"]) -> Float[Array, " times"]:
+        return self.frequency * times
 
 
 def periodic_response(
@@ -166,6 +137,7 @@ def periodic_response(
     functions: int = 16,
     basis: AbstractBasis | None = None,
     damping: Damping | None = None,
+    belt_speed: Literal["constant", "varying"] = "constant",
     method: HarmonicBalance | Shooting | None = None,
     stability: bool = True,
     throw: bool = True,
@@ -195,6 +167,8 @@ def periodic_response(
             spans straight.
         basis: functions for the deflections in place of these, such as `Legendre(24)`.
         damping: `Damping()` unless given, which counts the drive's own dampers.
+        belt_speed: "constant", or "varying": the belts follow the rotation of the driver (O16),
+            which changes the motion by some 0.1 %.
         method: `HarmonicBalance()` unless given, and `Shooting()` of a drive with a tensioner whose
             `friction_speed` is 0, a decoupler or a rigid clutch.
         stability: find `multipliers` and `conditioning`, which takes harmonic balance as long as
@@ -205,8 +179,9 @@ def periodic_response(
         The motion with its stability and its extremes.
 
     Raises:
-        ValueError: an inertia or an excitation is missing, harmonics or samples are too few, the
-            excitation names a pulley that is not there, or the method does not know a law.
+        ValueError: an inertia or an excitation is missing, harmonics or samples are too few,
+            `belt_speed` is another word, the excitation names a pulley that is not there, or the
+            method does not know a law.
         AnalysisError: the result is a failure, and `throw` is set.
 
     Examples:
@@ -217,7 +192,7 @@ def periodic_response(
         >>> found.measures.tension_min, found.stable
     """
     resolution = Resolution(harmonics, samples, functions, basis)
-    asked = asked_of(drive, point, orders, resolution, damping, method, stability)
+    asked = asked_of(drive, point, orders, resolution, damping, belt_speed, method, stability)
     found = _periodic(*canonical(drive, point), asked)
     return raise_unless_successful(found, found.result, throw)
 
@@ -231,21 +206,14 @@ class Resolution(NamedTuple):
     basis: AbstractBasis | None
 
 
-class MotionAsked(eqx.Module):
+class MotionAsked(ModelAsked):
     """What a motion is asked for, beside the drive; the harmonics are those of the forcing."""
 
     forcing: Forcing
     base: Float[Array, ""]  # order of the period
-    damping: Damping
-    basis: AbstractBasis | None
     method: HarmonicBalance | Shooting
     stability: bool = eqx.field(static=True)
     samples: int = eqx.field(static=True)
-    functions: int = eqx.field(static=True)
-    curved: bool = eqx.field(static=True)  # bodies may move on exact paths
-    loose: bool = eqx.field(static=True)  # joints may be other than springs
-    varied: bool = eqx.field(static=True)  # dry friction may depend on what a body carries
-    free: bool = eqx.field(static=True)  # the driver turns by its torque
 
 
 def asked_of(
@@ -254,6 +222,7 @@ def asked_of(
     orders: Orders | None,
     how: Resolution,
     damping: Damping | None,
+    belt_speed: str = "constant",
     method: HarmonicBalance | Shooting | None = None,
     stability: bool = True,
 ) -> MotionAsked:
@@ -261,14 +230,19 @@ def asked_of(
     free = _driver(point, orders) == "free"
     method = _method(drive, method, free)
     frictions = [body.friction_torque for body in drive.tensioners]
-    varied = [(body.friction_hub, body.friction_spring) for body in drive.tensioners]
-    varied = _any_of([number for numbers in varied for number in numbers])
-    varied = varied or _any_of([body.friction_unwinding - 1 for body in drive.tensioners])
-    loose = _any_of([part.law for part in drive.isolators])
-    loose = loose or _any_of([part.stop_stiffness for part in drive.isolators])
-    per_harmonic = _PER_HARMONIC * (2 if loose or varied or _any_of(frictions) else 1)
+    parts = counted(drive)
+    kinked = parts.loose or parts.varied or any_of(frictions)
+    per_harmonic = _PER_HARMONIC * (2 if kinked else 1)
     samples = per_harmonic * how.harmonics if how.samples is None else how.samples
     _require_resolution(how.harmonics, samples, how.functions)
+    if belt_speed not in BELT_SPEEDS:
+        raise ValueError(f"belt_speed: found {belt_speed!r}; give {' or '.join(BELT_SPEEDS)}.")
+    varying = belt_speed == "varying"
+    if free and varying:
+        raise ValueError(
+            'belt_speed: found "varying", and the driver is free; belts follow a rotation that is '
+            'given. Give "constant".'
+        )
     forcing, base = _forcing(drive, point, orders, how.harmonics)
     forcing, damping = strongly_typed((forcing, Damping() if damping is None else damping))
     return MotionAsked(
@@ -280,9 +254,8 @@ def asked_of(
         stability=stability,
         samples=samples,
         functions=how.functions,
-        curved=bool(drive.tensioners) and _any_of([drive.model.arm_curvature]),
-        loose=loose,
-        varied=varied,
+        counted=parts,
+        varying=varying,
         free=free,
     )
 
@@ -310,21 +283,6 @@ def _method(
     return method
 
 
-def law_with_modes(drive: Drive) -> str | None:
-    """What of the drive has a law with modes; None also where the numbers are traced."""
-    for body in drive.tensioners:
-        numbers = body.friction_torque, body.friction_hub, body.friction_spring
-        friction, speed = [concrete(number) for number in numbers], concrete(body.friction_speed)
-        dry = any(number is not None and number.any() for number in friction)
-        if dry and speed is not None and not speed.all():
-            return f"tensioner {body.name!r} with friction_speed = 0"
-    for part in drive.isolators:
-        law = concrete(part.law)
-        if law is not None and (law >= DECOUPLER).any():
-            return f"isolator {part.name!r} with its law"
-    return None
-
-
 def _forcing(
     drive: Drive, point: OperatingPoint, orders: Orders | None, harmonics: int
 ) -> tuple[Forcing, Float[Array, ""]]:
@@ -332,7 +290,7 @@ def _forcing(
     names = drive.pulley_names
     if orders is not None:
         return strongly_typed(orders).forcing(names, harmonics), jnp.asarray(orders.base)
-    if point.excitation is None:
+    if point.excitation is None or not point.excitation.excites:
         raise ValueError("orders: found none, and the point has no excitation; give Orders(...).")
     forcing, base = given_forcing(point.excitation, names, harmonics)
     return forcing, as_real(base)
@@ -341,13 +299,7 @@ def _forcing(
 def _driver(point: OperatingPoint, orders: Orders | None) -> str:
     if orders is not None:
         return orders.driver
-    assert point.excitation is not None  # as _forcing holds
-    return point.excitation.driver
-
-
-def _any_of(flags: Sequence[Array]) -> bool:
-    """Whether one of the numbers may be other than 0: all that are traced may be."""
-    return any((value := concrete(flag)) is None or bool(value.any()) for flag in flags)
+    return "prescribed" if point.excitation is None else point.excitation.driver
 
 
 def _require_resolution(harmonics: int, samples: int, functions: int) -> None:
@@ -358,8 +310,7 @@ def _require_resolution(harmonics: int, samples: int, functions: int) -> None:
         raise ValueError(
             f"samples: found {samples}; give at least {least} for {harmonics} harmonics."
         )
-    if not 0 <= functions <= _FINE:
-        raise ValueError(f"functions: found {functions}; give 0 to {_FINE}, or a basis.")
+    require_functions(functions)
 
 
 class Prepared(NamedTuple):
@@ -377,28 +328,18 @@ class Prepared(NamedTuple):
 
 def prepared(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> Prepared:
     """The equations of a drive's motion at an operating point."""
-    steady = steady_state(drive, point, throw=False)
-    basis = Legendre(_FINE) if asked.basis is None else asked.basis
-    lin = linearize(steady, basis, free=asked.free, throw=False)
-    frequency = asked.base * point.speed(drive) / (drive.drives @ drive.radii)
-    paths = span_paths(drive, steady) if asked.curved else None
-    joints = joints_of(drive, lin, asked.damping) if asked.loose else None
-    accessories = accessories_of(drive, point, lin) if point.load else None
-    loaded = loaded_friction(drive, lin) if asked.varied else None
-    whole = motion_model(lin, asked.damping, paths, joints, accessories, loaded)
+    made = moving(drive, point, asked)
+    lin = made.linearization
+    frequency = asked.base * driver_speed(drive, point)
     w = frequency * lin.scales.time
     driver, load = load_series(lin, asked.forcing, w, asked.damping)
-    if asked.basis is None:
-        shapes = layered_shapes(lin, asked.functions)
-    else:
-        shapes = jnp.broadcast_to(jnp.eye(basis.size), (lin.spans, basis.size, basis.size))
-    excited = Excited(projected(whole, shapes), w, driver, narrowed(shapes, load))
+    excited = Excited(made.model, w, driver, narrowed(made.shapes, load))
     result = first_failure(
         (~succeeded(lin.result), lin.result),
         (~jnp.all(jnp.isfinite(load)), RESULTS.numbers_unusable),
     )
     excited = frozen_where_failed(excited, result)
-    return Prepared(drive, lin, whole, shapes, excited, frequency, asked.samples, result)
+    return Prepared(drive, lin, made.whole, made.shapes, excited, frequency, asked.samples, result)
 
 
 def motion_asked(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> PeriodicResponse:
@@ -409,7 +350,7 @@ def motion_asked(drive: Drive, point: OperatingPoint, asked: MotionAsked) -> Per
         return _shot(made, shot_orbit(shot_system, made.excited, asked.method.steps), harmonics)
     # An opening clutch softens the drive so much that the branch from rest folds.
     orbit = periodic_orbit(
-        oscillator, made.excited, harmonics, made.samples, past_folds=asked.loose
+        oscillator, made.excited, harmonics, made.samples, past_folds=asked.counted.loose
     )
     return described(made, orbit, asked.stability)
 
@@ -439,14 +380,15 @@ def described(made: Prepared, orbit: Orbit, stability: bool = True) -> PeriodicR
     if neutral is not None:
         torque = neutral.mean_load(found_at)
         found_at = found_at.at[0].add(torque * neutral.direction)  # its mean rotation is 0
-    motion = HarmonicMotion(coefficients=widened(made.shapes, found_at), frequency=w)
+    coefficients = widened(made.shapes, found_at)
+    motion = HarmonicMotion(coefficients=coefficients, driver=driver, frequency=w)
     floquet = distance = None
     if stability:
         equations = oscillator, made.excited, orbit.coefficients
         floquet, distance = multipliers(*equations), conditioning(*equations, made.samples)
     size = jnp.linalg.norm(orbit.coefficients)
     found = _Found(
-        signals=Signals(lin, made.model, motion, driver),
+        signals=Signals(lin, made.model, motion),
         coefficients=motion.coefficients,
         multipliers=floquet,
         torque=torque * lin.scales.energy,
@@ -465,10 +407,13 @@ def described(made: Prepared, orbit: Orbit, stability: bool = True) -> PeriodicR
 def _shot(made: Prepared, orbit: ShotOrbit, harmonics: int) -> PeriodicResponse:
     """The answer about an orbit of the drive, by shooting."""
     motion = SteppedMotion(
-        trajectory=orbit.trajectory, shapes=made.shapes, frequency=made.excited.frequency
+        trajectory=orbit.trajectory,
+        shapes=made.shapes,
+        driver=made.excited.driver,
+        frequency=made.excited.frequency,
     )
     found = _Found(
-        signals=Signals(made.linearization, made.model, motion, made.excited.driver),
+        signals=Signals(made.linearization, made.model, motion),
         coefficients=motion.coefficients(harmonics),
         multipliers=shot_multipliers(orbit),
         torque=jnp.zeros(()),
@@ -486,7 +431,7 @@ def _shot(made: Prepared, orbit: ShotOrbit, harmonics: int) -> PeriodicResponse:
 
 def _answer(made: Prepared, found: _Found) -> PeriodicResponse:
     lin, extremes = made.linearization, measures(found.signals, made.samples)
-    use, floquet = _friction_use(made.drive, lin, extremes), found.multipliers
+    use, floquet = friction_use(made.drive, lin, extremes), found.multipliers
     unstable = jnp.array(False) if floquet is None else jnp.abs(floquet[0]) > 1
     result = first_failure((~succeeded(made.result), made.result), *found.failures)
     answer = PeriodicResponse(
@@ -552,11 +497,3 @@ def _stability_margin(response: PeriodicResponse) -> Float[Array, ""]:
         assert of.multipliers is not None  # shooting always has them
         margin = 1 - jnp.abs(of.multipliers[0])
     return frozen_where_failed(margin, of.result)
-
-
-def _friction_use(drive: Drive, lin: Linearization, found: Measures) -> Float[Array, " pulleys"]:
-    """Largest |ln(Q_out/Q_in)| over friction times wrap; 0 where there is no friction."""
-    none = jnp.zeros(())
-    friction = jnp.stack([none if p.friction is None else p.friction for p in drive.pulleys])
-    hold = friction * lin.steady.reference.layout.wraps
-    return jnp.where(hold > 0, found.slip_exponent_max / jnp.where(hold > 0, hold, 1.0), 0.0)

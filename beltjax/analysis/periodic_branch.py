@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal
 
 import jax.numpy as jnp
 import numpy as np
@@ -87,6 +87,7 @@ def periodic_branch(
     functions: int = 12,
     basis: AbstractBasis | None = None,
     damping: Damping | None = None,
+    belt_speed: Literal["constant", "varying"] = "constant",
     most: int = 400,
     throw: bool = True,
 ) -> PeriodicBranch:
@@ -110,6 +111,7 @@ def periodic_branch(
         functions: for the deflection of each span.
         basis: functions for the deflections in place of these.
         damping: `Damping()` unless given, which counts the drive's own dampers.
+        belt_speed: as in `periodic_response`.
         most: number of points after which it is given up.
         throw: raise where the first motion is not found.
 
@@ -133,7 +135,7 @@ def periodic_branch(
     if not (np.isfinite(start) and np.isfinite(end) and start != end):
         raise ValueError(f"start, end: found {start:g}, {end:g}; give two different numbers.")
     resolution = Resolution(harmonics, samples, functions, basis)
-    asked = asked_of(drive, point, orders, resolution, damping, HarmonicBalance())
+    asked = asked_of(drive, point, orders, resolution, damping, belt_speed, HarmonicBalance())
     ask = _Question(drive, point, over, asked)
     first = jnp.asarray(float(start))
     found, result = ask(_first, first)
@@ -184,7 +186,7 @@ def _first(
     made = _made(drive, point, name, asked, value)
     harmonics = len(asked.forcing.crank) - 1
     orbit = periodic_orbit(
-        oscillator, made.excited, harmonics, asked.samples, past_folds=asked.loose
+        oscillator, made.excited, harmonics, asked.samples, past_folds=asked.counted.loose
     )
     missed = RESULTS.where(orbit.converged, RESULTS.successful, RESULTS.orbit_not_found)
     good = made.result == RESULTS.successful

@@ -37,13 +37,14 @@ def periodic_sensitivities(
     orders: Orders,
     resolution: Resolution,
     damping: Damping,
+    belt_speed: str = "constant",
 ) -> MotionSlopes:
     """Total derivatives of a motion's measures by all numbers of the drive and the point.
 
     The excitation stays as it is. Derivatives of a motion that was not found are zero, and those
     of one by `Shooting` NaN where they do not exist. Raises `ValueError` as `periodic_response`.
     """
-    asked = asked_of(drive, point, orders, resolution, damping, None, False)
+    asked = asked_of(drive, point, orders, resolution, damping, belt_speed, stability=False)
     values, stacked = quickly_compiled(_slopes)(*canonical(drive, point), asked)
     names = _names(drive)
     gradients = tuple(

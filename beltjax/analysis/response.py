@@ -264,13 +264,22 @@ def moments_on_rotors(
 
     The inertia of the belt's own motion along its path transmits the driver's motion, too.
     """
-    m, groups = lin.model, lin.steady.groups
-    torques = (forces @ groups.hubs)[lin.rotors]
-    held = 0.0 if lin.free else 1.0
-    through = factor * lin.twisting - held * omega**2 * m.M_r[lin.rotors, lin.driver]
-    if damping.arm:
-        through = through + held * 1j * omega * groups.rotor_damping[lin.rotors, lin.driver]
+    torques = (forces @ lin.steady.groups.hubs)[lin.rotors]
+    by_angle, by_rate, by_acceleration = driver_moments(lin, damping)
+    through = factor * by_angle + 1j * omega * by_rate - omega**2 * by_acceleration
     return torques - through * crank
+
+
+def driver_moments(lin: Linearization, damping: Damping) -> Float[Array, "3 turning"]:
+    """Moments that a held driver puts on the other rotors by isolators, dampers and belt inertia.
+
+    They are per unit of its angle, its rate and its acceleration, positive against their turning.
+    """
+    m, none = lin.model, jnp.zeros(len(lin.rotors))
+    if lin.free:
+        return jnp.stack([lin.twisting, none, none])
+    by_rate = lin.steady.groups.rotor_damping[lin.rotors, lin.driver] if damping.arm else none
+    return jnp.stack([lin.twisting, by_rate, m.M_r[lin.rotors, lin.driver]])
 
 
 def _exactly(

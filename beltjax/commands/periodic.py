@@ -1,6 +1,6 @@
 """Declares `beltjax periodic`; its work is in `reports/periodic.py`."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import click
 
@@ -54,6 +54,13 @@ def _document() -> type["Document"]:
 @modal_damping_option
 @belt_damping_option
 @click.option(
+    "--belt-speed",
+    type=click.Choice(["constant", "varying"]),
+    default="constant",
+    show_default=True,
+    help="Let the belts follow the rotation of the driver, or run at its mean speed.",
+)
+@click.option(
     "--harmonics",
     type=click.IntRange(1),
     default=12,
@@ -88,6 +95,7 @@ def periodic(
     branch: str | None,
     modal_damping: float | None,
     belt_damping: str | None,
+    belt_speed: Literal["constant", "varying"],
     harmonics: int,
     functions: int,
     sensitivities: bool,
@@ -102,20 +110,21 @@ def periodic(
         from beltjax.commands.reports.periodic import PeriodicOptions, periodic_report
 
         given = PeriodicOptions(
-            crank,
-            torque,
-            order,
-            orders,
-            speeds,
-            modal_damping,
-            harmonics,
-            functions,
-            duty,
-            branch,
-            driver,
-            belt_damping,
-            sensitivities and json_path is not None,
-            json_path is not None,
+            crank=crank,
+            torques=torque,
+            order=order,
+            orders=orders,
+            speeds=speeds,
+            modal_damping=modal_damping,
+            harmonics=harmonics,
+            functions=functions,
+            duty=duty,
+            branch=branch,
+            belt_speed=belt_speed,
+            driver=driver,
+            belt_damping=belt_damping,
+            slopes=sensitivities and json_path is not None,
+            document=json_path is not None,
         )
         return periodic_report(drive_file, given, figure, advance, si)
 

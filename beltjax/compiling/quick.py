@@ -124,13 +124,22 @@ def boundary_jit(function: Function) -> Function:
     Called with numbers it is compiled quickly, for one drive is soon computed; called while JAX
     traces, as a part of a larger program that the caller compiles.
     """
+    return _at_boundary(function, quickly_compiled)
+
+
+def long_boundary_jit(function: Function) -> Function:
+    """`boundary_jit` of what takes long also for one drive: it is compiled to run fast."""
+    return _at_boundary(function, thoroughly_compiled)
+
+
+def _at_boundary(function: Function, compiled: Callable[[Function], Function]) -> Function:
     traced: Any = usual_promotion(eqx.filter_jit(function))
 
     @functools.wraps(function)
     def either(*args: Any, **kwargs: Any) -> Any:
         leaves = jax.tree.leaves((args, kwargs))
         inside = any(isinstance(leaf, Tracer) for leaf in leaves)
-        return (traced if inside else quickly_compiled(function))(*args, **kwargs)
+        return (traced if inside else compiled(function))(*args, **kwargs)
 
     return either  # pyright: ignore[reportReturnType]
 

@@ -9,6 +9,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from beltjax.analysis.sweep import Sweep
+from beltjax.draw.spectra import Spectrogram
 from beltjax.drive.numbers import SPEEDS
 from beltjax.drive.system import Drive
 
@@ -61,15 +62,24 @@ def sweep_figure(
 
 
 def _draw_orders(
-    axes: Axes, x: np.ndarray, rotations: np.ndarray, orders: Sequence[float], top: float
+    axes: Axes,
+    x: np.ndarray,
+    rotations: np.ndarray,
+    orders: Sequence[float],
+    top: float,
+    color: str = "#555555",
+    below: float = 0.0,
 ) -> None:
+    """Lines of orders, and their names `below` their ends [points]."""
     for order in orders:
-        axes.plot(x, order * rotations, "--", color="#555555", linewidth=0.9)
+        axes.plot(x, order * rotations, "--", color=color, linewidth=0.9)
         inside = np.flatnonzero(order * rotations <= top)
         if len(inside):
             at = inside[-1]
-            text = f"order {order:g}"
-            axes.annotate(text, (x[at], order * rotations[at]), fontsize=8, ha="right", va="top")
+            axes.annotate(
+                f"order {order:g}", (x[at], order * rotations[at]), (0, -below),
+                textcoords="offset points", fontsize=8, ha="right", va="top", color=color,
+            )  # fmt: skip
 
 
 Panels = dict[str, dict[str, np.ndarray]]  # curves by what they measure, and by part
@@ -100,13 +110,57 @@ def response_figure(
     return figure
 
 
-def period_figure(title: str, turns: np.ndarray, panels: Panels) -> Figure:
-    """A motion over the rotations of the driver: a panel for each kind, a curve for each part."""
-    figure, rows = _panels(title, turns, panels)
+def period_figure(
+    title: str, at: np.ndarray, panels: Panels, over: str = "rotations of the driver"
+) -> Figure:
+    """A motion over rotations or time: a panel for each kind, a curve for each part."""
+    figure, rows = _panels(title, at, panels)
     for axes in rows:
         _legend(axes)
-    rows[-1].set_xlabel("rotations of the driver")
+    rows[-1].set_xlabel(over)
     return figure
+
+
+def run_up_figure(
+    title: str,
+    rpm: np.ndarray,
+    panels: Panels,
+    spectrum: Spectrogram,
+    what: str,
+    orders: Sequence[float],
+) -> Figure:
+    """A spectrogram over the driver's speed with the lines of orders, and curves below it."""
+    figure = Figure(figsize=(9.0, 2.3 * len(panels) + 5.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    rows = figure.subplots(
+        1 + len(panels), 1, sharex=True, height_ratios=[1.8, *([1.0] * len(panels))]
+    )
+    top = rows[0]
+    # Amplitudes differ by powers of ten between orders.
+    largest = max(float(spectrum.amplitudes.max()), 1e-12)
+    shown = np.maximum(spectrum.amplitudes, _FLOOR * largest)
+    mesh = top.pcolormesh(
+        spectrum.at, spectrum.hertz, shown, norm="log", cmap="magma", shading="auto",
+        rasterized=True,
+    )  # fmt: skip
+    bar = figure.colorbar(mesh, ax=top, location="top", aspect=60, pad=0.01)
+    bar.set_label(what, fontsize=9, parse_math=False)
+    ends = np.array([min(rpm[0], rpm[-1]), max(rpm[0], rpm[-1])])
+    inside = np.linspace(ends[0], ends[1], 20)[:-1]  # the names of orders stay in the picture
+    _draw_orders(top, inside, inside / RPM / (2 * np.pi), orders, spectrum.hertz[-1], "#dfdfdf", 12)
+    top.set_ylim(0, spectrum.hertz[-1])
+    top.set_facecolor("black")  # beside the first and the last window
+    top.set_ylabel("frequency (Hz)", fontsize=9)
+    figure.suptitle(title, fontsize=11, parse_math=False)
+    for axes, (kind, curves) in zip(rows[1:], panels.items(), strict=True):
+        _draw_curves(axes, rpm, kind, curves, 0.6)
+        _legend(axes)
+    rows[-1].set_xlim(*ends)
+    rows[-1].set_xlabel("driver speed (rpm)")
+    return figure
+
+
+_FLOOR = 1e-3  # of the largest amplitude; what is below is as dark
 
 
 def _panels(title: str, x: np.ndarray, panels: Panels) -> tuple[Figure, np.ndarray]:
@@ -114,12 +168,18 @@ def _panels(title: str, x: np.ndarray, panels: Panels) -> tuple[Figure, np.ndarr
     FigureCanvasAgg(figure)
     rows = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
     for axes, (kind, curves) in zip(rows, panels.items(), strict=True):
-        for name, curve in curves.items():
-            axes.plot(x, curve, linewidth=1.4, label=name)
-        axes.set_ylabel(kind, fontsize=9)
-        axes.grid(linewidth=0.3)
+        _draw_curves(axes, x, kind, curves, 1.4)
     rows[0].set_title(title, fontsize=11, parse_math=False)
     return figure, rows
+
+
+def _draw_curves(
+    axes: Axes, x: np.ndarray, kind: str, curves: dict[str, np.ndarray], width: float
+) -> None:
+    for name, curve in curves.items():
+        axes.plot(x, curve, linewidth=width, label=name)
+    axes.set_ylabel(kind, fontsize=9)
+    axes.grid(linewidth=0.3)
 
 
 def _picture() -> tuple[Figure, Axes]:

@@ -1,5 +1,6 @@
 """The [operation], the [[duty]] tables and the [excitation] of a drive file, read and written."""
 
+import itertools
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -102,6 +103,7 @@ def _point(
 
 def _excitation(table: ExcitationTable) -> ExcitationGiven:
     return ExcitationGiven(
+        profile=table.profile,
         crank=table.number("crank"),
         order=table.number("order"),
         torque=table.torque,
@@ -148,9 +150,21 @@ def _require_taker(name: str, key: str, takes: bool, wheels: Wheels, path: objec
         raise FileError(path, key, message)
 
 
+def _require_profile(profile: list[list[float]], path: object) -> None:
+    """Raise `FileError` for a profile whose times do not increase."""
+    key = "excitation.profile"
+    if len(profile) < 2:
+        raise FileError(path, key, f"found {len(profile)} times; give at least two, with speeds")
+    for (before, _), (after, _) in itertools.pairwise(profile):
+        if not after > before:
+            raise FileError(path, key, f"found {after:g} s after {before:g} s; sort the times")
+
+
 def _require_excited(file: DriveTable, wheels: Wheels, path: object) -> None:
     if file.excitation is None:
         return
+    if file.excitation.profile is not None:
+        _require_profile(file.excitation.profile, path)
     single = [key for key in ("crank", "order") if file.excitation.number(key) is not None]
     single += ["torque"] if file.excitation.torque else []
     if file.excitation.orders and single:
@@ -214,6 +228,8 @@ def excitation_content(point: OperatingPoint) -> dict[str, Any] | None:
     content = numbers_content(shaken) | {"torque": _by_name(shaken.torque)}
     orders = [numbers_content(one) | {"torque": _by_name(one.torque)} for one in shaken.orders]
     content = content if shaken.driver == "prescribed" else content | {"driver": shaken.driver}
+    if shaken.profile is not None:
+        content["profile"] = np.asarray(shaken.profile).tolist()
     return content | {"orders": orders} if orders else content
 
 

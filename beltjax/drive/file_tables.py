@@ -12,10 +12,11 @@ from pydantic_core import PydanticCustomError
 from beltjax.drive.components import ArmSpring, Belt, Damper, Isolator, Pulley, Tensioner
 from beltjax.drive.installation import BeltGiven, TensionGiven
 from beltjax.drive.loads import Load
-from beltjax.drive.operation import ExcitationGiven, OperatingPoint, OrderGiven
+from beltjax.drive.operation import KNOT, ExcitationGiven, OperatingPoint, OrderGiven
 from beltjax.drive.system import Drive
 from beltjax.files.tables import (
     Table,
+    checked,
     meaning,
     meaning_of,
     numbers_of,
@@ -376,6 +377,17 @@ class OrderTable(Table):
     ]
 
 
+def _knot(value: Any) -> list[float]:
+    """A time and a speed of a profile, in SI."""
+    if not isinstance(value, list) or len(value) != len(KNOT):
+        text = f'found {shown(value)}; give a time and a speed, such as [1.5, "3000 rpm"]'
+        raise PydanticCustomError("unit", "{text}", {"text": text})
+    try:
+        return [checked(one, number) for one, number in zip(value, KNOT, strict=True)]
+    except ValueError as error:
+        raise PydanticCustomError("unit", "{text}", {"text": str(error)}) from error
+
+
 @numbers_of(ExcitationGiven, without=("torque",))
 class ExcitationTable(Table):
     """[excitation]."""
@@ -388,8 +400,16 @@ class ExcitationTable(Table):
     orders: Annotated[
         list[OrderTable],
         Field(default_factory=list),
-        meaning("tables of several orders, for `beltjax periodic`, in place of the others"),
+        meaning("tables of several orders, for `periodic` and `transient`, in place of the others"),
     ]
+    profile: Annotated[
+        list[Annotated[list[float], BeforeValidator(_knot)]] | None,
+        meaning(
+            "optional: times and driver's speeds of a `beltjax transient`, such as "
+            '`[[0, "600 rpm"], [1.5, "3000 rpm"]]`; lines join them',
+            "s and rad/s",
+        ),
+    ] = None
     driver: Annotated[
         Literal["prescribed", "free"],
         meaning(

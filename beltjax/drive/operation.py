@@ -10,9 +10,11 @@ from beltjax.drive.loads import Load
 from beltjax.drive.readable import Readable
 from beltjax.drive.shafts import transmission
 from beltjax.drive.system import Drive
-from beltjax.files.fields import number
+from beltjax.files.fields import Number, number
 
 DRIVERS = ("prescribed", "free")
+# The two numbers of a knot of a profile.
+KNOT = (Number("s", "a time"), Number("rad/s", "the driver's speed", at_least=0))
 
 
 def as_driver(word: str) -> str:
@@ -47,10 +49,10 @@ class OrderGiven(Readable):
 
 
 class ExcitationGiven(Readable):
-    """Excitation that the drive file gives: the default of `beltjax response` and `periodic`.
+    """Excitation that the drive file gives: the default of `response`, `periodic` and `transient`.
 
     Amplitudes are zero to peak, at `order` times the driver's speed. In place of them, for
-    `periodic` alone, there may be several `orders`.
+    `periodic` and `transient`, there may be several `orders`; a `profile` is for `transient`.
     """
 
     crank: Float[Array, ""] | None = eqx.field(
@@ -69,8 +71,15 @@ class ExcitationGiven(Readable):
         metadata=number("N m", "by pulley's name, in the direction of belt travel", at_least=0),
     )
     orders: tuple[OrderGiven, ...] = eqx.field(converter=tuple, default=())
+    # Knots of the driver's mean speed in a transient, [s] and [rad/s], as `KNOT` says.
+    profile: Float[Array, "knots 2"] | None = eqx.field(converter=as_optional, default=None)
     # "prescribed": its rotation is given; "free": it turns by its torque.
     driver: str = eqx.field(static=True, converter=as_driver, default="prescribed")
+
+    @property
+    def excites(self) -> bool:
+        """Whether there is more than a profile."""
+        return self.crank is not None or bool(self.torque) or bool(self.orders)
 
 
 class OperatingPoint(Readable):

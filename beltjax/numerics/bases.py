@@ -32,6 +32,7 @@ class Products(NamedTuple):
     value: Float[np.ndarray, "n n"]  # psi_a psi_b
     curvature: Float[np.ndarray, "n n"]  # psi_a'' psi_b''
     skew: Float[np.ndarray, "n n"]  # psi_a psi_b', antisymmetric
+    graded: Float[np.ndarray, "n n"]  # (x - 1/2) psi_a' psi_b'
     mean: Float[np.ndarray, " n"]  # psi_a
     first: Float[np.ndarray, " n"]  # x psi_a
 
@@ -79,10 +80,13 @@ class Sine(AbstractBasis):
         skew = np.where(odd, 2 * a / (np.pi * np.where(odd, a**2 - b**2, 1)), 0.0)
         sign = np.where(n % 2 == 1, 1.0, -1.0)
         scale = np.sqrt(2.0) / waves
+        # int (x - 1/2) cos(k pi x) is -2/(k pi)^2 for odd k, else 0; a - b is odd where a + b is.
+        graded = -2 / np.where(odd, a - b, 1) ** 2 - 2 / (a + b) ** 2
         return Products(
             value=np.diag(1 / waves**2),
             curvature=np.diag(waves**2),
             skew=2 * skew / (a * np.pi),
+            graded=np.where(odd, graded / np.pi**2, 0.0),
             mean=scale * (1 + sign) / waves,
             first=scale * sign / waves,
         )
@@ -126,11 +130,14 @@ class Legendre(AbstractBasis):
         least = np.minimum(a, b)
         bent = np.where((a + b) % 2 == 0, 2.0 * least * (least + 1), 0.0)
         weights = np.sqrt(2 * n + 3.0)
+        # (2m + 1) t P_m = (m + 1) P_{m+1} + m P_{m-1}, with t = 2x - 1 and m = n + 1.
+        above = (n[:-1] + 2) / (2 * weights[:-1] * weights[1:])
         mean, odd = combine[:, 0], combine[:, 1] * norms[1]
         return Products(
             value=(combine * norms) @ combine.T,
             curvature=bent * weights[:, None] * weights[None, :],
             skew=(combine * norms) @ slope.T,
+            graded=np.diag(above, 1) + np.diag(above, -1),
             mean=mean,
             first=(mean + odd) / 2,
         )

@@ -21,13 +21,19 @@ class Accessories(eqx.Module):
     torques: tuple[Callable[[Scalar], Scalar], ...]  # of the speed, which is not negative
     rows: Float[Array, "accessories size"]  # rotation of each by the coordinates
     speeds: Float[Array, " accessories"]  # in the steady state
+    ratios: Float[Array, " accessories"]  # of speeds, to that of the driver
 
-    def force(self, rate: State) -> State:
-        """Force on the coordinates beside that of steady torques and slopes (O8)."""
+    def force(self, rate: State, gained: Scalar | float = 0.0) -> State:
+        """Force on the coordinates beside that of steady torques and slopes (O8).
+
+        `gained` is by how much the driver's mean speed is above that of the steady state.
+        """
+        carried = self.ratios * gained
         changes = self.rows @ rate
         beyond = []
-        for torque, speed, change in zip(self.torques, self.speeds, changes, strict=True):
+        each = zip(self.torques, self.speeds, changes, carried, strict=True)
+        for torque, speed, change, more in each:
             steady, slope = jax.jvp(torque, (speed,), (jnp.ones_like(speed),))
             # A pulley that stops takes the torque at standstill; it does not run backwards here.
-            beyond.append(torque(jnp.maximum(speed + change, 0.0)) - steady - slope * change)
+            beyond.append(torque(jnp.maximum(speed + more + change, 0.0)) - steady - slope * change)
         return jnp.stack(beyond) @ self.rows

@@ -4,13 +4,15 @@
     theta  rotation of the driver, which is given
     eta    strain that a span gains: d.z + driving theta + N(z)
     N      its part beyond first order in z
+    omega  speed of the driver, its rotation included; *0 marks that of the steady state
 
 Spans stretch quasi-statically, so that all that is nonlinear in a drive is one number a span: the
 functions have unit slopes, and N is half the sum of their squares and a quadratic form of the
-bodies' coordinates. M, G and K are those of `vibration`; docs/theory/motion.md, (O1) to (O5).
+bodies' coordinates. M, G and K are those of `vibration`; docs/theory/motion.md, (O1) to (O5), and
+(O16) for belts whose speed varies.
 """
 
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import equinox as eqx
 import jax
@@ -70,6 +72,35 @@ class SpanPaths(eqx.Module):
         return length - self.lengths - rise * turn
 
 
+class BeltSpeed(eqx.Module):
+    """What the drive's belts do beside (O2) where the speed of the driver varies (O16)."""
+
+    gyroscopic: Float[Array, "size size"]  # G per unit of the driver's speed
+    centrifugal: Spans  # lam mu s^2 at unit speed of the driver
+    accelerated: Float[Array, "size size"]  # force per unit acceleration of the driver, by z ..
+    bent: State  # .. and in the steady state
+    omega0: Scalar
+
+    def relief(self, omega: Scalar) -> Spans:
+        """Tension that the turning of the belts takes beyond that of the steady state."""
+        return self.centrifugal * (omega**2 - self.omega0**2)
+
+    def force(self, z: State, rate: State, omega: Scalar, gained: Scalar) -> State:
+        """The force beside that of `relief`, for a driver that gains speed at the rate `gained`."""
+        carried = (omega - self.omega0) * (self.gyroscopic @ rate)
+        return carried + gained * (self.accelerated @ z + self.bent)
+
+
+class Driving(NamedTuple):
+    """What the driver does at one time; dimensionless."""
+
+    theta: Scalar  # its rotation beyond that at its mean speed
+    rate: Scalar  # of that
+    acceleration: Scalar
+    faster: Scalar | float = 0.0  # its mean speed beyond that of the steady state
+    rise: Scalar | float = 0.0  # acceleration of the mean speed
+
+
 class MotionModel(eqx.Module):
     """The numbers of a drive in one steady state: M z'' + C z' + force = 0 without excitation."""
 
@@ -85,6 +116,7 @@ class MotionModel(eqx.Module):
     gains: Spans  # gamma: tension that a span gains by its strain
     friction: Friction  # dry, of the bodies
     joints: Joints | None  # those of pulleys that are not springs alone
+    speed: BeltSpeed | None  # None: that of the steady state all the time
     accessories: Accessories | None  # those whose torques depend on speed
     rigid: State | None  # rotation that strains nothing; None where the driver's is given
     functions: int = eqx.field(static=True)  # of each span
@@ -119,6 +151,11 @@ def projected(model: MotionModel, shapes: Float[Array, "spans n fewer"]) -> Moti
     def square(matrix: Float[Array, "size size"]) -> Float[Array, "less less"]:
         return rows(rows(matrix).T).T
 
+    speed = m.speed
+    if speed is not None:
+        less = square(speed.gyroscopic), square(speed.accelerated), rows(speed.bent[:, None])[:, 0]
+        speed = eqx.tree_at(lambda s: (s.gyroscopic, s.accelerated, s.bent), speed, less)
+
     def fewer_columns(part: Part | None) -> Part | None:
         return part if part is None else eqx.tree_at(lambda p: p.rows, part, rows(part.rows.T).T)
 
@@ -134,6 +171,7 @@ def projected(model: MotionModel, shapes: Float[Array, "spans n fewer"]) -> Moti
         paths=m.paths,
         gains=m.gains,
         friction=m.friction,
+        speed=speed,
         joints=fewer_columns(m.joints),
         accessories=fewer_columns(m.accessories),
         rigid=None if m.rigid is None else rows(m.rigid[:, None])[:, 0],
@@ -160,17 +198,25 @@ def strains(model: MotionModel, z: State, theta: Scalar | float = 0.0) -> Spans:
     return model.elongations @ z + model.driving * theta + beyond_linear(model, z)
 
 
-def stretching(model: MotionModel, z: State, theta: Scalar | float = 0.0) -> State:
-    """The force of the spans' stretch without its part K z, which is linear in z (O2)."""
+def stretching(
+    model: MotionModel,
+    z: State,
+    theta: Scalar | float = 0.0,
+    relief: Spans | float = 0.0,
+) -> State:
+    """The force of the spans' stretch without its part K z, which is linear in z (O2).
+
+    Of the tension that pulls on slopes and bodies `relief` is taken off (O16).
+    """
     m = model
     N, back = jax.vjp(lambda z: beyond_linear(m, z), z)
-    beyond = m.driving * theta + N
-    (force,) = back(m.work * (m.elongations @ z + beyond))
+    beyond = m.work * (m.driving * theta + N) - relief
+    (force,) = back(m.work * (m.elongations @ z) + beyond)
     if m.paths is not None:
         # K holds what the steady tension does to the second order of N.
         (held,) = jax.vjp(lambda z: beyond_second(m, z), z)[1](m.pull)
         force = force + held
-    return (m.work * beyond) @ m.elongations + force
+    return beyond @ m.elongations + force
 
 
 def friction_bounds(
@@ -187,6 +233,21 @@ def dry_friction(model: MotionModel, z: State, rate: State, theta: Scalar | floa
     moved = len(rate) - len(model.friction.constant)
     on_bodies = model.friction.smooth(rate[moved:], *friction_bounds(model, z, theta))
     return jnp.concatenate([jnp.zeros(moved), on_bodies])
+
+
+def beside_linear(model: MotionModel, z: State, rate: State, now: Driving) -> State:
+    """All forces of the drive itself beside M z'' + C z' + K z, on the same side."""
+    m, relief = model, 0.0
+    found = dry_friction(m, z, rate, now.theta)
+    if m.joints is not None:
+        found = found + m.joints.force(z, rate, now.theta, now.rate)
+    if m.accessories is not None:
+        found = found + m.accessories.force(rate, now.faster)
+    if m.speed is not None:
+        omega = m.speed.omega0 + now.faster + now.rate
+        relief = m.speed.relief(omega)
+        found = found + m.speed.force(z, rate, omega, now.rise + now.acceleration)
+    return found + stretching(m, z, now.theta, relief)
 
 
 def energy(model: MotionModel, z: State, rate: State) -> Scalar:

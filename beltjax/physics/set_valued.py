@@ -9,13 +9,12 @@ docs/theory/motion.md, (O9) to (O13).
 
 from collections.abc import Callable
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from beltjax.numerics.hybrid import Elements, HybridSystem, mechanical_system
 from beltjax.physics.joints import DECOUPLER
-from beltjax.physics.motion import MotionModel, dry_friction, friction_bounds, stretching
+from beltjax.physics.motion import Driving, MotionModel, beside_linear, friction_bounds
 
 Scalar = Float[Array, ""]
 State = Float[Array, " size"]
@@ -52,32 +51,25 @@ _STRAINS = 1e-8  # of the largest stiffness
 
 def hybrid_drive(
     model: MotionModel,
-    driver: Callable[[Scalar], Scalar],
+    driving: Callable[[Scalar], Driving],
     load: Callable[[State, State, Scalar], State],
 ) -> HybridSystem:
     """The drive in motion in dimensionless time, with modes of its bodies and of its joints.
 
-    `driver(t)` is the rotation of the driver, twice differentiable, and `load(z, z', t)` what acts
-    on the coordinates beside the drive itself. States are z, z' and a wind-up s of each joint;
-    elements are the bodies, then the joints.
+    `driving(t)` is what the driver does, whose rate must have a derivative, and `load(z, z', t)`
+    what acts on the coordinates beside the drive itself. States are z, z' and a wind-up s of each
+    joint; elements are the bodies, then the joints.
     """
     m, joints = model, model.joints
     size, count = len(m.mass), len(m.friction.constant)
     none = jnp.zeros(0) if joints is None else jnp.zeros(len(joints.rows))
 
-    def turning(t: Scalar) -> Scalar:
-        return jax.jvp(driver, (t,), (jnp.ones_like(t),))[1]
-
     def force(z: State, rate: State, t: Scalar) -> State:
-        theta = driver(t)
-        found = m.damping @ rate + m.stiffness @ z + stretching(m, z, theta)
-        found = found + dry_friction(m, z, rate, theta) - load(z, rate, t)
-        if m.accessories is not None:
-            found = found + m.accessories.force(rate)
-        return found if joints is None else found + joints.force(z, rate, theta, turning(t))
+        found = m.damping @ rate + m.stiffness @ z
+        return found + beside_linear(m, z, rate, driving(t)) - load(z, rate, t)
 
     def bounds(z: State, rate: State, t: Scalar) -> tuple[Array, Array]:
-        low, high = friction_bounds(m, z, driver(t))
+        low, high = friction_bounds(m, z, driving(t).theta)
         return jnp.append(low, none), jnp.append(high, none + jnp.inf)
 
     def beyond(s: Float[Array, " elements"]) -> Float[Array, " elements"]:
@@ -87,18 +79,18 @@ def hybrid_drive(
 
     rows = jnp.eye(size)[size - count :]
     present = m.friction.holds()
-    driving, stiffness, damping, compliant = none, none, none, none
+    by_driver, stiffness, damping, compliant = none, none, none, none
     still = jnp.zeros(count)
     if joints is not None:
         rows = jnp.concatenate([rows, joints.rows])
         present = jnp.concatenate([present, joints.one_way])
         compliant = joints.law == DECOUPLER
-        driving = joints.driving
+        by_driver = joints.driving
         stiffness = jnp.where(compliant, joints.stiffness, 0.0)
         damping = jnp.where(compliant, joints.damping, 0.0)
     elements = Elements(
         rows=rows,
-        driven=lambda t: jnp.append(still, driving * turning(t)),
+        driven=lambda t: jnp.append(still, by_driver * driving(t).rate),
         bounds=bounds,
         present=present,
         stiffness=jnp.append(still, stiffness),

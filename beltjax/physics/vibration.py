@@ -129,54 +129,110 @@ def assembled(
     span's elongation (`elongations`).
     """
     m, of = model, basis.products()
-    weight, drag = m.mu * m.lam**3, m.tau * m.s * m.mu * m.lam**2
-    kept_of, count = len(kept), len(m.movable)
-
-    def whole(
-        local: Float[Array, "spans n n"],
-        lifting: Float[Array, "spans n coordinates"],
-        of_bodies: Float[Array, "coordinates coordinates"],
-        of_rotors: Float[Array, "kept kept"],
-        sign: float = 1.0,
-    ) -> Float[Array, "size size"]:
-        """Matrix with the spans, rotors and bodies on its diagonal and `lifting` beside the spans.
-
-        Below the diagonal `lifting` has the factor `sign`.
-        """
-        # The blocks are masked and joined, not scattered into place: the reverse derivative of a
-        # frequency would gather every entry one by one.
-        spans, n, _ = local.shape
-        belt = (jnp.eye(spans)[:, None, :, None] * local[:, :, None, :]).reshape(spans * n, -1)
-        beside = jnp.concatenate(
-            [jnp.zeros((spans * n, kept_of)), lifting.reshape(spans * n, count)], axis=1
-        )
-        apart = jnp.zeros((kept_of, count))
-        rigid = jnp.block([[of_rotors, apart], [apart.T, of_bodies]])
-        return jnp.block([[belt, beside], [sign * beside.T, rigid]])
-
+    weight = m.mu * m.lam**3
     lift, lift2 = lift_products(m, of)
     moving = m.movable[:, None] * m.movable
     bolted = jnp.diag(1.0 - m.movable)
     lift = lift * m.movable
-    still, none = jnp.zeros((kept_of, kept_of)), jnp.zeros_like(lift)
+    none = jnp.zeros_like(lift)
     inertia = moving * (m.M + jnp.sum(weight[:, None, None] * lift2, axis=0)) + bolted
-    mass = whole(
+    mass = _joined(
         weight[:, None, None] * of.value,
         weight[:, None, None] * lift,
         inertia,
         m.M_r[kept][:, kept],
     )
-    dragged = 2 * drag[:, None, None] * of.mean[:, None] * (m.a * m.movable)[:, None, :]
-    crossed = m.W0[:, :, None] * m.a[:, None, :]
-    crossed = jnp.sum(drag[:, None, None] * (crossed - jnp.swapaxes(crossed, 1, 2)), axis=0)
-    gyroscopic = whole(
-        2 * drag[:, None, None] * of.skew, dragged, moving * crossed, still, sign=-1.0
-    )
+    drag = convection(m, basis, kept, m.s)
     own = m.Q[:, None, None] * jnp.eye(basis.size)
     own = own + ((m.eps / m.lam) ** 2)[:, None, None] * of.curvature
     spring = moving * (m.K + geometric_stiffness(m)) + _BOLTED * bolted
-    stiffness = whole(m.lam[:, None, None] * own, none, spring, m.K_r[kept][:, kept])
-    return Matrices(mass, gyroscopic, stiffness + d.T @ ((m.lam * m.gam)[:, None] * d))
+    stiffness = _joined(m.lam[:, None, None] * own, none, spring, m.K_r[kept][:, kept])
+    return Matrices(mass, drag - drag.T, stiffness + d.T @ ((m.lam * m.gam)[:, None] * d))
+
+
+def _joined(
+    local: Float[Array, "spans n n"],
+    lifting: Float[Array, "spans n coordinates"],
+    of_bodies: Float[Array, "coordinates coordinates"],
+    of_rotors: Float[Array, "kept kept"],
+    below: Float[Array, "spans n coordinates"] | None = None,
+) -> Float[Array, "size size"]:
+    """Matrix with the spans, rotors and bodies on its diagonal and `lifting` beside the spans.
+
+    Below the diagonal stands the transposed of `lifting`, or of what is given for that.
+    """
+    # The blocks are masked and joined, not scattered into place: the reverse derivative of a
+    # frequency would gather every entry one by one.
+    spans, n, _ = local.shape
+    count, kept_of = len(of_bodies), len(of_rotors)
+    belt = (jnp.eye(spans)[:, None, :, None] * local[:, :, None, :]).reshape(spans * n, -1)
+
+    def beside(part: Float[Array, "spans n coordinates"]) -> Float[Array, "fields rest"]:
+        part = part.reshape(spans * n, count)
+        return jnp.concatenate([jnp.zeros((spans * n, kept_of)), part], axis=1)
+
+    apart = jnp.zeros((kept_of, count))
+    rigid = jnp.block([[of_rotors, apart], [apart.T, of_bodies]])
+    above = beside(lifting)
+    under = above if below is None else beside(below)
+    return jnp.block([[belt, above], [under.T, rigid]])
+
+
+def convection(
+    model: VibrationModel, basis: AbstractBasis, kept: Int[Array, " kept"], speeds: Spans
+) -> Float[Array, "size size"]:
+    """A with entries s tau mu lam^2 <phi_a, phi_b'>: what belts of these speeds carry along.
+
+    The gyroscopic matrix is A less its transposed.
+    """
+    m, of = model, basis.products()
+    drag = m.tau * speeds * m.mu * m.lam**2
+    by_lift = drag[:, None, None] * of.mean[:, None] * (m.a * m.movable)[:, None, :]
+    mixed = m.W0[:, :, None] * m.a[:, None, :] + m.a[:, :, None] * m.a[:, None, :] / 2
+    lifts = m.movable[:, None] * m.movable * jnp.sum(drag[:, None, None] * mixed, axis=0)
+    still = jnp.zeros((len(kept), len(kept)))
+    return _joined(drag[:, None, None] * of.skew, by_lift, lifts, still, below=-by_lift)
+
+
+class Acceleration(NamedTuple):
+    """Force of accelerating belts on their coordinates, matrix z + steady, for s' = 1."""
+
+    matrix: Float[Array, "size size"]
+    steady: Float[Array, " size"]
+
+
+def acceleration(
+    model: VibrationModel,
+    basis: AbstractBasis,
+    d: Float[Array, "spans size"],
+    kept: Int[Array, " kept"],
+    rates: Spans,
+) -> Acceleration:
+    """What spans do whose belts gain speed at these rates; docs/theory/motion.md, (O16).
+
+    The tension grows along an accelerating span, by which its slope is turned as much as by
+    the transport of momentum; of both the functions feel what is left.
+    """
+    m, of = model, basis.products()
+    spans, n = len(m.lam), basis.size
+    drag = m.tau * rates * m.mu * m.lam**2
+    local = drag[:, None, None] * (of.skew + of.graded)
+    # <phi, phi'> and <(x - 1/2) phi', phi'> cancel where a function meets the lift, and add up
+    # where the lift meets a function.
+    by_lift = (m.a * m.movable)[:, None, :] * of.mean[:, None]
+    by_lift = -2 * drag[:, None, None] * by_lift
+    starts = drag[:, None] * (m.W0 + m.a / 2) * m.movable  # by the slope of the chord
+    turned = m.a * m.movable
+    matrix = _joined(
+        local, jnp.zeros_like(by_lift), starts.T @ turned, jnp.zeros((len(kept),) * 2), by_lift
+    )
+    # The functions' part of w* is that of its elongations: -int w*'' psi is int w*' psi'.
+    own = d[:, : spans * n].reshape(spans, spans, n)
+    curved = jnp.einsum("iin->in", own)
+    fields = jnp.einsum("iab,ib->ia", local, curved)
+    bodies = starts.T @ m.drop + jnp.einsum("ina,in->a", by_lift, curved)
+    steady = jnp.concatenate([fields.ravel(), jnp.zeros(len(kept)), bodies])
+    return Acceleration(matrix, steady)
 
 
 def forms_of_spans(

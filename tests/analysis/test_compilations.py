@@ -48,6 +48,18 @@ def swung(drive, point):
     )  # fmt: skip
 
 
+def run_up(drive, point):
+    """A transient, of which another drive, profile, excitation or signal compiles nothing."""
+    speed = 10 * speed_of(point)
+    excitation = bj.Excitation(1e-4 * speed_of(point), {drive.pulley_names[-1]: 0.1})
+    times = np.linspace(0.0, 0.01, 8)
+    bj.transient(
+        drive, point, profile=[(0.0, speed), (0.01, 1.2 * speed)], functions=2,
+        orders=bj.Orders({speed_of(point): excitation}), saves=np.linspace(0.0, 0.01, 17),
+        crank=bj.CrankSignal(times, angles=1e-4 * speed * times), throw=False,
+    )  # fmt: skip
+
+
 def speed_of(point):
     return float(point.belt_speed)
 
@@ -102,6 +114,13 @@ def test_periodic_motion():
     assert changes_of(lambda d, p: jnp.asarray(swung(d, p) or 0.0), drive, point) == dict.fromkeys(
         TYPES, 0
     )
+
+
+@pytest.mark.slow
+def test_transient():
+    drive, point = example("three_pulley")
+    found = changes_of(lambda d, p: jnp.asarray(run_up(d, p) or 0.0), drive, point)
+    assert found == dict.fromkeys(TYPES, 0)
 
 
 @pytest.mark.slow

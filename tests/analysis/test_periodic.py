@@ -128,6 +128,28 @@ def named(names, case, key):
         yield name if name in stored else "-".join(reversed(name.split("-")))
 
 
+@pytest.mark.slow
+def test_stored_case_of_a_belt_that_follows_the_crank():
+    # "uniform speed with s'": of another program, with the same functions.
+    drive, point = example("three_pulley")
+    case = CASES["varying_belt_speed"]
+    found = bj.periodic_response(
+        drive, running(point, 2000), crank(0.1), damping=MODAL, harmonics=8, samples=80,
+        belt_speed="varying",
+    ).measures  # fmt: skip
+    values = [
+        np.rad2deg(found.rotation_amplitudes[2]), np.rad2deg(found.travels[0]),
+        found.tension_min.min(),
+    ]  # fmt: skip
+    np.testing.assert_allclose(values, case["uniform_speed_with_sdot"], rtol=case["accuracy"])
+
+
+def test_another_belt_speed_is_refused():
+    drive, point = example("three_pulley")
+    with pytest.raises(ValueError, match="belt_speed: found 'fast'; give constant or varying"):
+        bj.periodic_response(drive, running(point, 2000), crank(0.1), belt_speed="fast")
+
+
 @pytest.mark.parametrize(("degrees", "multiplier"), [(0.12, -1.09241), (0.1, -0.97425)])
 def test_period_doubling(degrees, multiplier):
     drive, point = example("three_pulley")
@@ -403,9 +425,8 @@ def test_stored_case_of_an_arm_at_large_angles():
         whole = motion_model(lin, MODAL, paths)
         excited = Excited(whole, frequency, driver, load)
         orbit = periodic_orbit(oscillator, excited, 8, 64)
-        return orbit, measures(
-            Signals(lin, whole, HarmonicMotion(orbit.coefficients, frequency), driver), 64
-        )
+        motion = HarmonicMotion(orbit.coefficients, driver, frequency)
+        return orbit, measures(Signals(lin, whole, motion), 64)
 
     orbit, found = quickly_compiled(move)(lin, paths)
     assert orbit.converged

@@ -25,6 +25,8 @@ def test_products_are_the_integrals(basis):
     np.testing.assert_allclose(of.value, integral(values, values), atol=1e-14)
     np.testing.assert_allclose(of.curvature, integral(bends, bends), rtol=1e-11, atol=1e-8)
     np.testing.assert_allclose(of.skew, integral(values, slopes), atol=1e-13)
+    graded = np.einsum("q,qa,qb->ab", W * (X - 0.5), slopes, slopes)
+    np.testing.assert_allclose(of.graded, graded, atol=1e-12)
     np.testing.assert_allclose(of.mean, W @ values, atol=1e-14)
     np.testing.assert_allclose(of.first, (W * X) @ values, atol=1e-14)
 

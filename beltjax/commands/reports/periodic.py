@@ -3,7 +3,7 @@
 import dataclasses
 import os
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from rich.console import Group
@@ -12,19 +12,13 @@ from rich.table import Table
 
 from beltjax.analysis.damping import Damping
 from beltjax.analysis.friction import lock_torque
-from beltjax.analysis.orders import ORDER, Orders, orders_of
-from beltjax.analysis.periodic import (
-    PeriodicResponse,
-    Resolution,
-    law_with_modes,
-    periodic_response,
-)
+from beltjax.analysis.moving import law_with_modes
+from beltjax.analysis.orders import Orders
+from beltjax.analysis.periodic import PeriodicResponse, Resolution, periodic_response
 from beltjax.analysis.periodic_branch import PeriodicBranch, periodic_branch
 from beltjax.analysis.periodic_sensitivity import periodic_sensitivities
-from beltjax.analysis.response import Excitation
 from beltjax.commands.reports.analyze import plain_numbers
 from beltjax.commands.reports.arguments import (
-    read_excited_orders,
     read_option,
     read_points,
     titled,
@@ -32,16 +26,20 @@ from beltjax.commands.reports.arguments import (
 from beltjax.commands.reports.documents import (
     Maybe,
     Number,
-    Part,
     PointDocument,
     meaning,
     model_flags,
     plain,
 )
+from beltjax.commands.reports.excited import OrdersAsked, commanded_damping, excited_orders
+from beltjax.commands.reports.moved import (
+    COORDINATE_UNITS,
+    MovedPart,
+    moved_parts,
+    moved_tables,
+)
 from beltjax.commands.reports.report import Report
-from beltjax.commands.reports.response import MODAL_DAMPING, commanded, is_free
-from beltjax.commands.reports.states import Kind, kind_of
-from beltjax.commands.reports.tables import number, plain_table
+from beltjax.commands.reports.tables import plain_table
 from beltjax.commands.reports.units import TableUnits
 from beltjax.commands.reports.vibrating import RPM, vibrating
 from beltjax.commands.reports.warnings import (
@@ -55,63 +53,12 @@ from beltjax.commands.running import Advance
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
-from beltjax.files.units import to_si
 from beltjax.results import explanation, succeeded
 
 _POINTS = 50  # of a range of speeds that does not say
 
 
-class MovedPulleyPart(Part):
-    """A pulley in periodic motion."""
-
-    name: str
-    rotation_amplitude: Maybe = meaning("rad, of the rim, half peak to peak")
-    hub_rotation_amplitude: Maybe = meaning("rad, of the hub")
-    hub_load_max: Maybe = meaning("N, of the tensions less m v^2")
-    friction_use_max: Maybe = meaning(
-        "logarithm of the tensions' ratio over friction times wrap, 1 where the belt slips; null "
-        "without friction"
-    )
-    overrun_per_period: Maybe = meaning(
-        "rad, by which a hub behind a decoupler or rigid clutch gains on its rim; null without a "
-        "joint"
-    )
-
-
-class MovedSpanPart(Part):
-    """A span in periodic motion."""
-
-    name: str
-    tension_min: Maybe = meaning("N")
-    tension_max: Maybe = meaning("N")
-    peak_deflection: Maybe = meaning("m, from the steady state")
-    slope_max: Maybe = meaning("of the deflection; above 0.2 the equations are off")
-    slack_fraction: Maybe = meaning("part of the period with a tension below 0")
-
-
-class MovedCoordinatePart(Part):
-    """A tensioner in periodic motion: rad, or m of a linear one."""
-
-    name: str
-    kind: Kind
-    peak_to_peak: Maybe
-    mean: Maybe = meaning("from the steady state")
-    friction_work: Maybe = meaning("J over a period, of dry friction")
-    stuck_fraction: Maybe = meaning("part of the period in which dry friction holds it")
-    lock_torque: Maybe = meaning(
-        "N m, or N: dry friction above which it does not move, from the linear drive; null for "
-        "several orders"
-    )
-
-
-class MovedIsolatorPart(Part):
-    """An isolator in periodic motion."""
-
-    name: str
-    open_fraction: Maybe = meaning("part of the period in which a clutch is open; 0 of a spring")
-
-
-class MotionPart(Part):
+class MotionPart(MovedPart):
     """The periodic motion at one speed."""
 
     driver_speed: float = meaning("rad/s")
@@ -121,10 +68,6 @@ class MotionPart(Part):
     period: Maybe = meaning("s")
     stable: bool = meaning("whether small disturbances die out")
     multipliers: list[list[float]] = meaning("Floquet's, real and imaginary part, largest first")
-    pulleys: list[MovedPulleyPart]
-    spans: list[MovedSpanPart]
-    coordinates: list[MovedCoordinatePart] = meaning("of each tensioner")
-    isolators: list[MovedIsolatorPart]
     residual: Maybe = meaning("last correction over the size of the motion")
     harmonics_error: Maybe = meaning(
         "size of the last two harmonics over that of all; of a motion with events an estimate of "
@@ -171,6 +114,7 @@ class PeriodicOptions(NamedTuple):
     functions: int
     duty: str | None = None
     branch: str | None = None  # "up" or "down"
+    belt_speed: Literal["constant", "varying"] = "constant"
     driver: str | None = None
     belt_damping: str | None = None
     slopes: bool = False  # of the motion at a single speed, for the document
@@ -189,9 +133,14 @@ def periodic_report(
     Raises `FileError` as `sweep_report` does.
     """
     drive, point, where = vibrating(path, given.duty)
-    orders = _orders(path, drive, point, given)
+    orders = excited_orders(
+        path,
+        drive,
+        point,
+        OrdersAsked(given.crank, given.torques, given.order, given.orders, given.driver),
+    )
     speeds = _speeds(path, drive, point, given.speeds)
-    damping = _damping(given)
+    damping = commanded_damping(given.modal_damping, given.belt_damping)
     # Before the first of many motions: whether there are enough harmonics.
     read_option("--harmonics", lambda: orders.forcing(drive.pulley_names, given.harmonics))
     if given.branch is not None:
@@ -250,22 +199,11 @@ def _sensitivities(
     drive: Drive, point: OperatingPoint, orders: Orders, given: PeriodicOptions, damping: Damping
 ) -> dict[str, Any]:
     how = Resolution(given.harmonics, None, given.functions, None)
-    found = periodic_sensitivities(drive, point, orders, how, damping)
+    found = periodic_sensitivities(drive, point, orders, how, damping, given.belt_speed)
     return {
         name: plain_numbers(*gradient, of=(drive, gradient[1]))
         for name, gradient in zip(found.names, found.gradients, strict=True)
     }
-
-
-def _damping(given: PeriodicOptions) -> Damping:
-    """Of the modes, unless that of the belt is given."""
-    usual = MODAL_DAMPING if given.belt_damping is None else 0.0
-    ratio = usual if given.modal_damping is None else given.modal_damping
-    damping = read_option("--modal-damping", lambda: Damping(modal=ratio))
-    text = given.belt_damping
-    if text is None:
-        return damping
-    return read_option("--belt-damping", lambda: Damping(modal=ratio, belt=to_si(text, "s")))
 
 
 def _at_each(
@@ -285,7 +223,7 @@ def _at_each(
         found.append(
             periodic_response(
                 drive, at, orders, harmonics=given.harmonics, functions=given.functions,
-                damping=damping, throw=False,
+                damping=damping, belt_speed=given.belt_speed, throw=False,
             )
         )  # fmt: skip
     advance("moving", len(speeds), len(speeds))
@@ -310,7 +248,7 @@ def _followed(
         raise FileError("--branch", "", message)
     branch = periodic_branch(
         drive, point, orders, *map(float, ends), harmonics=given.harmonics,
-        functions=given.functions, damping=damping, throw=False,
+        functions=given.functions, damping=damping, belt_speed=given.belt_speed, throw=False,
     )  # fmt: skip
     if not branch.responses:
         rpm = ends[0] * RPM
@@ -352,64 +290,6 @@ def _speeds(
     return speeds
 
 
-def _orders(
-    path: str | os.PathLike[str], drive: Drive, point: OperatingPoint, given: PeriodicOptions
-) -> Orders:
-    """The command's excitation; the file's where the command names none."""
-    single = given.crank is not None or bool(given.torques)
-    free = is_free(point, given.driver)
-    if given.orders is not None:
-        if single or given.order is not None:
-            raise FileError("--orders", "", "stands beside --crank, --torque or --order; give one")
-        if free:
-            raise FileError("--orders", "", "turns the driver, which is free; give --torque")
-        return _several(given.orders)
-    if not single:
-        return _orders_of_file(path, point, given)
-    crank, torques = commanded(drive, given.crank, given.torques, free)
-    if not (crank or any(torques.values())):
-        raise FileError("--crank", "", "nothing is excited; give an amplitude above 0")
-    alone = {_order(point, given): Excitation(crank, torques)}
-    return read_option("--order", lambda: Orders(alone, driver="free" if free else "prescribed"))
-
-
-def _several(text: str) -> Orders:
-    """The crank motions of --orders."""
-    cranks = read_option("--orders", lambda: read_excited_orders(text))
-    if not any(cranks.values()):
-        raise FileError("--orders", "", f"found {text!r}; give an amplitude above 0")
-    excitations = {order: Excitation(crank=crank) for order, crank in cranks.items()}
-    return read_option("--orders", lambda: Orders(excitations))
-
-
-def _orders_of_file(
-    path: str | os.PathLike[str], point: OperatingPoint, given: PeriodicOptions
-) -> Orders:
-    """The excitation of [excitation], at the order and with the driver of the command."""
-    if point.excitation is None:
-        message = "is not excited; give --crank, --orders, --torque NAME=AMPLITUDE or [excitation]"
-        raise FileError(path, "", message)
-    file = point.excitation
-    if given.order is not None:
-        if file.orders:
-            message = "is one, and excitation.orders are several; leave it out"
-            raise FileError("--order", "", message)
-        file = dataclasses.replace(file, order=given.order)
-    if given.driver is not None:
-        file = dataclasses.replace(file, driver=given.driver)
-    try:
-        return orders_of(file)
-    except ValueError as error:
-        raise FileError(path, "excitation", str(error)) from error
-
-
-def _order(point: OperatingPoint, given: PeriodicOptions) -> float:
-    if given.order is not None:
-        return given.order
-    file = point.excitation
-    return ORDER if file is None or file.order is None else float(file.order)
-
-
 def periodic_document(
     drive: Drive,
     given: PeriodicOptions,
@@ -433,65 +313,18 @@ def periodic_document(
 
 
 def _motion(drive: Drive, speed: float, found: PeriodicResponse) -> dict[str, Any]:
-    good, m = bool(succeeded(found.result)), found.measures
-
-    def listed(names: Sequence[str], **columns: Any) -> list[dict[str, Any]]:
-        values = {
-            key: np.where(good, np.asarray(column), np.nan) for key, column in columns.items()
-        }
-        return [
-            {"name": name} | {key: plain(column[k]) for key, column in values.items()}
-            for k, name in enumerate(names)
-        ]
-
+    good = bool(succeeded(found.result))
     floquet = np.asarray(found.multipliers).tolist() if good else []
-    friction = [pulley.friction is not None for pulley in drive.pulleys]
-    coordinates = listed(
-        [body.name for body in drive.tensioners],
-        peak_to_peak=m.travels,
-        mean=m.mean_motions,
-        friction_work=m.friction_work,
-        stuck_fraction=m.stuck_fractions,
-        lock_torque=np.full(len(drive.tensioners), np.nan),
-    )
-    for one, body in zip(coordinates, drive.tensioners, strict=True):
-        one["kind"] = kind_of(body)
-    # Without a clutch none is asked for.
-    none = np.zeros(len(drive.isolators))
-    opened = m.open_fractions if len(m.open_fractions) else none
-    overrun = np.full(len(drive.pulleys), np.nan)
-    gained = m.overrun_per_period if len(m.overrun_per_period) else none
-    for part, angle in zip(drive.isolators, np.asarray(gained), strict=True):
-        overrun[np.asarray(part.pulleys) > 0] = angle
-    tight = good and bool(np.min(m.tension_min) >= 0)
-    return {
+    moved = moved_parts(drive, found.measures, found.friction_use, good)
+    return moved | {
         "driver_speed": speed,
         "mean_driver_torque": plain(found.mean_driver_torque) if good else None,
         "period": plain(found.period),
         "stable": good and bool(found.stable),
         "multipliers": [[complex(one).real, complex(one).imag] for one in floquet],
-        "pulleys": listed(
-            drive.pulley_names,
-            rotation_amplitude=m.rotation_amplitudes,
-            hub_rotation_amplitude=m.hub_rotation_amplitudes,
-            hub_load_max=m.hub_load_max,
-            friction_use_max=np.where(friction, found.friction_use, np.nan),
-            overrun_per_period=overrun,
-        ),
-        "spans": listed(
-            drive.span_names,
-            tension_min=m.tension_min,
-            tension_max=m.tension_max,
-            peak_deflection=m.span_peaks,
-            slope_max=m.slope_max,
-            slack_fraction=m.slack_fractions,
-        ),
-        "coordinates": coordinates,
-        "isolators": listed([part.name for part in drive.isolators], open_fraction=opened),
         "residual": plain(found.stats["residual"]) if good else None,
         "harmonics_error": plain(found.error) if good else None,
         "conditioning": plain(found.conditioning) if good else None,
-        "feasible": tight and bool(np.max(found.friction_use) <= 1),
         "success": good,
         "failure": explanation(found.result) or None,
     }
@@ -515,42 +348,17 @@ def _at_one_speed(what: str, part: dict[str, Any], units: TableUnits) -> list[Ta
     if not part["success"]:
         return [part["failure"]]
     title = escape(f"{what}: periodic motion at {part['driver_speed'] * RPM:.5g} rpm")
-    pulleys = plain_table(
-        title, "pulley", units.head("rim, half p-p", "rad"), units.head("hub", "rad"),
-        units.head("hub load", "N"), "friction used",
-    )  # fmt: skip
-    for one in part["pulleys"]:
-        turned = (units.text(one[key], "rad", 4) for key in _ROTATIONS)
-        load, use = units.text(one["hub_load_max"], "N", 1), number(one["friction_use_max"], 3)
-        pulleys.add_row(escape(one["name"]), *turned, load, use)
-    spans = plain_table(
-        "", "span", units.head("least", "N"), units.head("greatest tension", "N"),
-        units.head("deflection", "m"), "slack",
-    )  # fmt: skip
-    for one in part["spans"]:
-        tensions = (units.text(one[key], "N", 1) for key in ("tension_min", "tension_max"))
-        peak, slack = units.text(one["peak_deflection"], "m", 3), number(one["slack_fraction"], 3)
-        spans.add_row(escape(one["name"]), *tensions, peak, slack)
-    tables: list[Table | str] = [pulleys, spans]
-    if part["coordinates"]:
-        bodies = plain_table("", "tensioner", "peak to peak", "mean", "unit")
-        for one in part["coordinates"]:
-            unit = _UNITS[one["kind"]]
-            motions = (units.text(one[key], unit, 4) for key in ("peak_to_peak", "mean"))
-            bodies.add_row(escape(one["name"]), *motions, units.name(unit))
-        tables.append(bodies)
     largest = np.hypot(*part["multipliers"][0])
     word = "stable" if part["stable"] else "unstable"
-    return [*tables, f"{word}: the largest Floquet multiplier is {largest:.4f}"]
-
-
-_ROTATIONS = "rotation_amplitude", "hub_rotation_amplitude"
-_UNITS = {"rotary": "rad", "linear": "m"}
+    return [
+        *moved_tables(title, part, units),
+        f"{word}: the largest Floquet multiplier is {largest:.4f}",
+    ]
 
 
 def _over_speeds(document: dict[str, Any], units: TableUnits) -> Table:
     bodies = document["periodic"][0]["coordinates"]
-    moved = [units.head(f"{one['name']} p-p", _UNITS[one["kind"]]) for one in bodies]
+    moved = [units.head(f"{one['name']} p-p", COORDINATE_UNITS[one["kind"]]) for one in bodies]
     table = plain_table(
         escape(f"{titled(document)}: periodic motion over the driver's speed"),
         "rpm", *map(escape, moved), units.head("least tension", "N"),
@@ -565,7 +373,7 @@ def _over_speeds(document: dict[str, Any], units: TableUnits) -> Table:
         table.add_row(
             rpm,
             *(
-                units.text(one["peak_to_peak"], _UNITS[one["kind"]], 4)
+                units.text(one["peak_to_peak"], COORDINATE_UNITS[one["kind"]], 4)
                 for one in part["coordinates"]
             ),
             units.text(min(one["tension_min"] for one in spans), "N", 1),

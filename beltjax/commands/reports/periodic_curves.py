@@ -1,6 +1,7 @@
 """Pictures of periodic motions: over a period at one speed, extremes over a range of speeds."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -56,11 +57,25 @@ def _over_a_period(
 ) -> tuple[np.ndarray, Panels]:
     """Rotations of the driver, and the curves over them."""
     times = np.linspace(0.0, float(found.period), _TIMES)
-    return speed * times / (2 * np.pi), {
-        **_rotations(drive, units, np.asarray(found.rotations(times))),
-        **_bodies(drive, units, np.asarray(found.tensioner_motions(times)), ""),
+    panels = moved_panels(
+        drive,
+        units,
+        found.rotations(times),
+        found.tensioner_motions(times),
+        found.tensions(times),
+    )
+    return speed * times / (2 * np.pi), panels
+
+
+def moved_panels(
+    drive: Drive, units: TableUnits, rotations: Any, motions: Any, tensions: Any
+) -> Panels:
+    """Rotations of pulleys, motions of tensioners and tensions of spans, all by time."""
+    return {
+        **_rotations(drive, units, np.asarray(rotations)),
+        **_bodies(drive, units, np.asarray(motions), ""),
         units.head("tension", "N"): _named(
-            drive.span_names, units.value(1.0, "N") * np.asarray(found.tensions(times))
+            drive.span_names, units.value(1.0, "N") * np.asarray(tensions)
         ),
     }
 

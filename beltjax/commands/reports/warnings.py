@@ -13,6 +13,7 @@ from beltjax.analysis.periodic import STEEPEST, PeriodicResponse
 from beltjax.analysis.response import Response
 from beltjax.analysis.steady import FARTHEST, STIFFEST, SteadyState
 from beltjax.analysis.sweep import Sweep
+from beltjax.analysis.transient import Transient
 from beltjax.commands.reports.states import Readings, read_state, slip_margins
 from beltjax.commands.reports.vibrating import RPM
 from beltjax.compiling.kept_programs import run_kept
@@ -24,6 +25,10 @@ from beltjax.drive.system import Drive
 from beltjax.results import RESULTS, succeeded, successes
 
 Warnings = list[dict[str, str]]
+
+_SLACK = "a span loses its tension during the motion, where slack is not in the model"
+_STEEP = "a span deflects by a slope above 0.2, where equations for small slopes are off"
+_SLIPS = "tensions differ by more than friction holds, and slip is not in the model"
 
 
 def steady_warnings(
@@ -265,21 +270,21 @@ def periodic_warnings(
         *_where("orbit_unstable", "the motion is unstable", rpm, largest > 1, [""]),
         *_where(
             "span_slack_in_motion",
-            "a span loses its tension during the motion, where slack is not in the model",
+            _SLACK,
             rpm,
             table(lambda one: one.measures.tension_min) < 0,
             spans,
         ),
         *_where(
             "slope_too_large",
-            "a span deflects by a slope above 0.2, where equations for small slopes are off",
+            _STEEP,
             rpm,
             table(lambda one: one.measures.slope_max) > STEEPEST,
             spans,
         ),
         *_where(
             "belt_slips_in_motion",
-            "tensions differ by more than friction holds, and slip is not in the model",
+            _SLIPS,
             rpm,
             table(lambda one: one.friction_use) > 1,
             pulleys,
@@ -290,6 +295,26 @@ def periodic_warnings(
             rpm,
             table(lambda one: one.warning == RESULTS.grazing)[:, None],
             [""],
+        ),
+    ]
+
+
+def transient_warnings(drive: Drive, found: Transient) -> Warnings:
+    """Where a motion over time leaves the limits of its model."""
+    if not bool(succeeded(found.result)):
+        return []
+    m, spans = found.measures, drive.span_names
+    flags = (
+        ("span_slack_in_motion", _SLACK, m.tension_min < 0, spans),
+        ("slope_too_large", _STEEP, m.slope_max > STEEPEST, spans),
+        ("belt_slips_in_motion", _SLIPS, found.friction_use > 1, drive.pulley_names),
+    )
+    return [
+        *_stiff_belts(drive, np.asarray(found.linearization.steady.stiffness_ratios)),
+        *(
+            {"code": code, "text": f"{text}: {', '.join(np.array(names)[np.asarray(bad)])}"}
+            for code, text, bad, names in flags
+            if np.any(bad)
         ),
     ]
 
