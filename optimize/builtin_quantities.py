@@ -199,6 +199,12 @@ def rotation(analyses: DriveAnalyses, pulley: int) -> Scalar:
     return analyses.periodic.measures.rotation_amplitudes[pulley]
 
 
+@quantity("tension_min", unit="N", needs="excitation", many=True)
+def tensions_min(analyses: DriveAnalyses) -> Many:
+    """Least tension of every span in periodic motion: above 0 none goes slack."""
+    return analyses.periodic.measures.tension_min
+
+
 @quantity("tension_min", unit="N", place="span", needs="excitation")
 def tension_min(analyses: DriveAnalyses, span: int) -> Scalar:
     """Least tension of one span in periodic motion."""

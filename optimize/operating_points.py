@@ -12,7 +12,7 @@ from pydantic import Field
 from beltjax.drive.duties import stacked
 from beltjax.drive.loads import without_load
 from beltjax.drive.numbers import require_numbers, shift_of, unit_of
-from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.operation import ExcitationGiven, OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
 from beltjax.files.tables import Table
@@ -38,6 +38,7 @@ class PointTable(Table):
     belt_speed: SiOrText | RangeTable | None = None
     driver_speed: SiOrText | RangeTable | None = None
     torque: dict[str, SiOrText] | None = None
+    crank: SiOrText | None = None  # amplitude of [excitation] there
 
 
 def number_of(value: SiOrText, unit: str, path: object, key: str) -> float:
@@ -73,7 +74,7 @@ def read_cases(
     Raises `FileError` for points that cannot be measured together: twice the same name, some
     with a belt speed and some with a driver speed, a torque on a pulley that takes none.
     """
-    names, points = [], []
+    names, points, shaken = [], [], []
     for table in tables:
         key = f"point.{table.name}"
         if table.name in names or not table.name or "@" in table.name:
@@ -88,16 +89,16 @@ def read_cases(
             names.append(table.name)
             given = speed | {"torque": torque, "load": load}
             points.append(dataclasses.replace(point, excitation=None, **given))
+            shaken.append(_excitation(table, point, path))
     rules = {point.belt_speed is None for point in points}
     if len(rules) > 1:
         raise FileError(
             path, "point", "some give belt_speed and some driver_speed; give the same for all"
         )
-    shaken = point.excitation
     stacked = jax.tree.map(lambda *x: jnp.stack(x), *points)
-    if shaken is not None:
-        repeated = jax.tree.map(lambda x: jnp.stack([x] * len(points)), shaken)
-        stacked = dataclasses.replace(stacked, excitation=repeated)
+    if point.excitation is not None:
+        excited = jax.tree.map(lambda *x: jnp.stack(x), *shaken)
+        stacked = dataclasses.replace(stacked, excitation=excited)
     return Cases(stacked, tuple(names))
 
 
@@ -112,6 +113,22 @@ def cases_of_duties(duties: dict[str, OperatingPoint], path: object) -> Cases | 
         return Cases(stacked(duties), tuple(duties), are_duties=True)
     except ValueError as error:
         raise FileError(path, "duty", str(error)) from error
+
+
+def _excitation(
+    table: PointTable, point: OperatingPoint, path: object
+) -> ExcitationGiven | None:
+    """The excitation at one point: the drive file's, with the crank's amplitude of the point."""
+    file, key = point.excitation, f"point.{table.name}.crank"
+    if table.crank is None:
+        return file
+    if file is None or file.crank is None:
+        message = "goes with a table [excitation] of the drive file that has a crank; give that"
+        raise FileError(path, key, message)
+    crank = number_of(table.crank, "rad", path, key)
+    if crank < 0:
+        raise FileError(path, key, f"found {table.crank}; must not be negative")
+    return dataclasses.replace(file, crank=crank)
 
 
 def _torques(

@@ -310,6 +310,7 @@ class Tensioner(Readable):
             "of dry friction against its motion, for periodic motion; of a linear one a force. In "
             "a file also a table `{ coulomb, hub, spring, unwinding }` of this and the next three",
             at_least=0,
+            design=True,
             rare=True,
         ),
     )

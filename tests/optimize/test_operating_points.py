@@ -85,6 +85,18 @@ def test_forced_vibration_needs_an_excitation(tmp_path):
         load(tmp_path, HEAD + limit("span_amplitude:crankshaft-tensioner", "upper = 1e-3"))
 
 
+def test_a_point_may_have_its_own_irregularity(tmp_path):
+    points = POINTS.replace("belt_speed = 5", 'belt_speed = 5\ncrank = "1 deg"')
+    shaken = '[excitation]\ncrank = "0.1 deg"\norder = 2\n'
+    excitation = load(tmp_path, HEAD + points, shaken).cases.points.excitation
+    np.testing.assert_allclose(np.degrees(excitation.crank), [1.0, 0.1, 0.1, 0.1], rtol=1e-12)
+    np.testing.assert_allclose(excitation.order, 2.0)
+    with pytest.raises(bj.FileError, match=r"point\.idle\.crank: goes with a table \[excitation\]"):
+        load(tmp_path, HEAD + points)
+    with pytest.raises(bj.FileError, match=r"point\.idle\.crank: found -1; must not be negative"):
+        load(tmp_path, HEAD + points.replace('"1 deg"', "-1"), shaken)
+
+
 SHAKEN = """
 [excitation]
 orders = [{ order = 2, crank = "0.1 deg" }, { order = 4, crank = "0.02 deg" }]
@@ -96,6 +108,7 @@ def test_periodic_motion_is_measured_and_has_slopes(tmp_path):
     span = "accessory-crankshaft"
     names = ["arm_travel", f"tension_min:{span}", f"tension_max:{span}", "rotation:accessory"]
     names += [f"span_deflection:{span}", "hub_load_max:tensioner", "friction_use:accessory"]
+    names += ["tension_min"]
     study = load(tmp_path, HEAD + "".join(map(limit, names)), SHAKEN)
     assert np.ndim(study.point.excitation.orders[0].crank) == 0
 
@@ -110,12 +123,12 @@ def test_periodic_motion_is_measured_and_has_slopes(tmp_path):
     m = found.measures
     expected = [
         m.travels[0], m.tension_min[2], m.tension_max[2], m.rotation_amplitudes[2],
-        m.span_peaks[2], m.hub_load_max[1], 0.0,
+        m.span_peaks[2], m.hub_load_max[1], 0.0, *m.tension_min,
     ]  # fmt: skip
     np.testing.assert_allclose(values, expected, rtol=1e-8)
     by_spring = np.asarray(slopes.tensioner.stiffness)
     assert np.all(np.isfinite(by_spring))
-    assert np.count_nonzero(by_spring) == 6
+    assert np.count_nonzero(by_spring) == 9
 
 
 def test_a_design_is_where_its_values_say(tmp_path):
