@@ -54,9 +54,8 @@ class Joints(eqx.Module):
     def force(self, z: State, rate: State, theta: Scalar, turning: Scalar) -> State:
         """Force on the coordinates beside that of engaged joints (O8), (O12).
 
-               That is without the torques of the joints that are `one_way`.
-        `theta` is the driver's
-               rotation, and `turning` its rate.
+        That is without the torques of the joints that are `one_way`. `theta` is the driver's
+        rotation, and `turning` its rate.
         """
         wind_ups = self.wind_ups(z, theta)
         engaged = self.stiffness * wind_ups
