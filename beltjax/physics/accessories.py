@@ -1,7 +1,7 @@
 """Torques of accessories that follow the fluctuation of their speeds, dimensionless.
 
 The linear drive has the steady torques and, among its dampers, their slopes by speed: what is here
-is the rest. docs/theory/motion.md, (O8).
+is the rest. docs/theory/motion.md, (O13).
 """
 
 from collections.abc import Callable
@@ -24,7 +24,7 @@ class Accessories(eqx.Module):
     ratios: Float[Array, " accessories"]  # of speeds, to that of the driver
 
     def force(self, rate: State, gained: Scalar | float = 0.0) -> State:
-        """Force on the coordinates beside that of steady torques and slopes (O8).
+        """Force on the coordinates beside that of steady torques and slopes (O13).
 
         `gained` is by how much the driver's mean speed is above that of the steady state.
         """

@@ -5,7 +5,7 @@
     F      load on a body's bearing, of the tensions of the spans on its pulleys
     S      pull of a body's own spring, with what else is constant
 
-docs/theory/motion.md, (O5) and (O9).
+docs/theory/motion.md, (O5) and (O7).
 """
 
 import equinox as eqx

@@ -5,7 +5,7 @@
     k, c   its stiffness and damping while it is engaged
 
 The linear drive has every joint engaged: what a joint does otherwise is a force beside it.
-docs/theory/motion.md, (O7); decouplers and rigid clutches are those of `set_valued`.
+docs/theory/motion.md, (O8); decouplers and rigid clutches are those of `set_valued`.
 """
 
 import equinox as eqx
@@ -52,11 +52,10 @@ class Joints(eqx.Module):
         return self.stop_stiffness * (past + short)
 
     def force(self, z: State, rate: State, theta: Scalar, turning: Scalar) -> State:
-        """Force on the coordinates beside that of engaged joints (O7), (O13).
+        """Force on the coordinates beside that of engaged joints (O8), (O12).
 
-               That is without the torques of the joints that are `one_way`.
-        `theta` is the driver's
-               rotation, and `turning` its rate.
+        That is without the torques of the joints that are `one_way`. `theta` is the driver's
+        rotation, and `turning` its rate.
         """
         wind_ups = self.wind_ups(z, theta)
         engaged = self.stiffness * wind_ups

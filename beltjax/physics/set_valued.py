@@ -4,7 +4,7 @@
     g      rate of the body's coordinate, or of a joint's wind-up, rim less hub
     s      wind-up of a decoupler's spring
 
-docs/theory/motion.md, (O9) to (O13).
+docs/theory/motion.md, (O7) to (O12).
 """
 
 from collections.abc import Callable
