@@ -138,7 +138,7 @@ def _by_elimination(system: Oscillator, X: Coefficients, samples: int) -> Solver
     return _factored(jacobian(system, X, samples)).solve
 
 
-_KRYLOV = 40  # directions of GMRES
+_KRYLOV, _CYCLES = 60, 2  # directions of GMRES, and how often it begins anew
 
 
 def _by_krylov(system: Oscillator, X: Coefficients, samples: int) -> Solver:
@@ -157,7 +157,7 @@ def _by_krylov(system: Oscillator, X: Coefficients, samples: int) -> Solver:
 
     def solve(right: Array) -> Array:
         start = inverse(right.reshape(shape)).ravel()
-        return gmres(lambda v: moved(v.reshape(shape)).ravel(), start, _KRYLOV)
+        return gmres(lambda v: moved(v.reshape(shape)).ravel(), start, _KRYLOV, cycles=_CYCLES)
 
     return solve
 
@@ -184,6 +184,12 @@ def _orbit_near(
     )
 
 
+def _is_close(found: _Newton) -> Bool[Array, ""]:
+    """Whether a root was found, no farther from the first correction than half its size."""
+    reach = _FARTHEST * jnp.linalg.norm(found.root)
+    return found.converged & (jnp.linalg.norm(found.root - found.first) <= reach)
+
+
 def _followed(
     at_load: Callable[[Scalar], Oscillator],
     guess: Coefficients,
@@ -191,7 +197,6 @@ def _followed(
     samples: int,
     tol: float,
     max_steps: int,
-    make: MakeSolver,
 ) -> tuple[Coefficients, _Newton, Scalar]:
     """The orbit at load 1 from that at load `begin`: at once if it is close, else by loads between.
 
@@ -205,9 +210,8 @@ def _followed(
         x, load, step, _, steps = state
         stretch = jnp.where(load > 0, (load + step) / jnp.where(load > 0, load, 1.0), 1.0)
         near = (stretch * x).reshape(shape)
-        found = _orbit_near(at_load(load + step), near, samples, tol, max_steps, make)
-        reach = _FARTHEST * jnp.linalg.norm(found.root)
-        good = found.converged & (jnp.linalg.norm(found.root - found.first) <= reach)
+        found = _orbit_near(at_load(load + step), near, samples, tol, max_steps)
+        good = _is_close(found)
         x, load = jnp.where(good, found.root, x), jnp.where(good, load + step, load)
         step = jnp.minimum(jnp.where(good, 2 * step, step / 2), 1 - load)
         return x, load, step, found, steps + found.steps
@@ -325,16 +329,18 @@ def periodic_orbit(
 
     none = jnp.zeros(())
     if past_folds:
-        found, end, load = _followed(at_load, still, none, samples, tol, max_steps, _by_elimination)
+        found, end, load = _followed(at_load, still, none, samples, tol, max_steps)
         found, end = _found_past_folds(at_load, found, end, load, samples, tol, max_steps)
     else:
-        found, end, load = _followed(at_load, still, none, samples, tol, max_steps, _by_krylov)
-        # Where GMRES does not help, as close to a fold, the matrix goes on from the load reached.
-        found, rest, load = _followed(
-            at_load, found, load, samples, tol, max_steps, _by_elimination
+        # Far from resonances and folds Newton's method with GMRES is there at once.
+        quick = _orbit_near(at_load(none + 1), still, samples, tol, max_steps, _by_krylov)
+        there = _is_close(quick)
+        begin, found = jnp.where(there, 1.0, 0.0), jnp.where(there, quick.root, 0.0)
+        found, end, _ = _followed(
+            at_load, found.reshape(still.shape), begin, samples, tol, max_steps
         )
-        rest = rest._replace(steps=end.steps + rest.steps)
-        end = jax.tree.map(lambda a, b: jnp.where(end.converged, a, b), end, rest)
+        end = end._replace(steps=quick.steps + end.steps)
+        end = jax.tree.map(lambda a, b: jnp.where(there, a, b), quick, end)
     # One more correction, so that differences of orbits are not those of the tolerance.
     make = _by_elimination if past_folds else _by_krylov
     last = system(fixed, jnp.ones(()))
