@@ -115,9 +115,7 @@ def cases_of_duties(duties: dict[str, OperatingPoint], path: object) -> Cases | 
         raise FileError(path, "duty", str(error)) from error
 
 
-def _excitation(
-    table: PointTable, point: OperatingPoint, path: object
-) -> ExcitationGiven | None:
+def _excitation(table: PointTable, point: OperatingPoint, path: object) -> ExcitationGiven | None:
     """The excitation at one point: the drive file's, with the crank's amplitude of the point."""
     file, key = point.excitation, f"point.{table.name}.crank"
     if table.crank is None:

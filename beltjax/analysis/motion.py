@@ -14,6 +14,7 @@ from beltjax.analysis.linearization import Linearization
 from beltjax.analysis.orders import Forcing
 from beltjax.analysis.response import driver_moments
 from beltjax.analysis.steady import SteadyState
+from beltjax.compiling.batched_loops import ready_after
 from beltjax.drive.bodies import bodies
 from beltjax.drive.groups import Scales
 from beltjax.drive.layout import belt_path, outline
@@ -70,9 +71,14 @@ def motion_model(
 ) -> MotionModel:
     """The drive of `linearization` in motion."""
     lin = linearization
+    damped = lin.gyroscopic + damping_matrix(lin, damping)
+    rigid = None
+    if lin.free:
+        turns = ready_after(lin.model.turns, damped)
+        rigid = rigid_rotation(eqx.tree_at(lambda lin: lin.model.turns, lin, turns))
     return MotionModel(
         mass=lin.mass,
-        damping=lin.gyroscopic + damping_matrix(lin, damping),
+        damping=damped,
         stiffness=lin.stiffness,
         elongations=lin.elongations,
         driving=lin.driving,
@@ -89,7 +95,7 @@ def motion_model(
         joints=joints,
         speed=speed,
         accessories=accessories,
-        rigid=rigid_rotation(lin) if lin.free else None,
+        rigid=rigid,
         functions=lin.basis.size,
     )
 

@@ -19,6 +19,7 @@ from beltjax.analysis.motion import (
     span_paths,
 )
 from beltjax.analysis.steady import steady_state
+from beltjax.compiling.batched_loops import ready_after
 from beltjax.drive.components import concrete
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
@@ -85,7 +86,11 @@ def moving(drive: Drive, point: OperatingPoint, asked: ModelAsked) -> Moving:
         loaded_friction(drive, lin) if parts.varied else None,
     )
     if asked.basis is None:
-        shapes = layered_shapes(lin, asked.functions)
+        tensions = ready_after(lin.model.Q, whole.damping)
+        if whole.rigid is not None:
+            tensions = ready_after(tensions, jnp.sum(whole.rigid))
+        later = eqx.tree_at(lambda lin: lin.model.Q, lin, tensions)
+        shapes = layered_shapes(later, asked.functions)
     else:
         shapes = jnp.broadcast_to(jnp.eye(basis.size), (lin.spans, basis.size, basis.size))
     return Moving(lin, whole, shapes, projected(whole, shapes))

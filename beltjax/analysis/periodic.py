@@ -28,6 +28,7 @@ from beltjax.analysis.orbit_measures import Measures, OverTime, Signals, frictio
 from beltjax.analysis.orbit_motion import HarmonicMotion, SteppedMotion
 from beltjax.analysis.orders import Forcing, Orders, given_forcing
 from beltjax.analysis.shooting import shot_system
+from beltjax.compiling.batched_loops import ready_after
 from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.canonical import canonical, strongly_typed
 from beltjax.drive.components import as_real
@@ -385,7 +386,9 @@ def described(made: Prepared, orbit: Orbit, stability: bool = True) -> PeriodicR
     floquet = distance = None
     if stability:
         equations = oscillator, made.excited, orbit.coefficients
-        floquet, distance = multipliers(*equations), conditioning(*equations, made.samples)
+        floquet = multipliers(*equations)
+        later = ready_after(orbit.coefficients, floquet)
+        distance = conditioning(*equations[:2], later, made.samples)
     size = jnp.linalg.norm(orbit.coefficients)
     found = _Found(
         signals=Signals(lin, made.model, motion),

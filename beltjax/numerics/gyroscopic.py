@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float
 
+from beltjax.compiling.batched_loops import ready_after
 from beltjax.numerics.derivative_rules import without_derivative
 
 Matrix = Float[Array, "size size"]
@@ -50,7 +51,7 @@ def hermitian_modes(
     L, R = jnp.linalg.cholesky(jnp.stack([M, K + slack * unit]))
     definite = jnp.all(jnp.isfinite(R))
     if rigid:
-        stiffness, modes = jnp.linalg.eigh(_after(jnp.where(definite, K, unit), L))
+        stiffness, modes = jnp.linalg.eigh(ready_after(jnp.where(definite, K, unit), L))
         R = modes * jnp.sqrt(jnp.maximum(stiffness, 0.0))
     R = jnp.where(definite, R, unit)
     solved = _solved(L, jnp.concatenate([R, jnp.where(definite, G, 0.0)], axis=1))
@@ -74,12 +75,6 @@ def repeated(values: Array) -> Bool[Array, " count"]:
     return jnp.min(gaps, axis=1) <= _REPEATED * jnp.abs(values)
 
 
-def _after(value: Array, earlier: Array) -> Array:
-    """`value`, which is not ready before `earlier` is."""
-    number = jnp.ravel(earlier)[0].real
-    return value + 0.0 * jnp.where(jnp.isfinite(number), number, 0.0)
-
-
 def general_modes(
     M: Matrix, C: Matrix, K: Matrix, count: int, rigid: int = 0, after: Array | None = None
 ) -> Eigen:
@@ -90,7 +85,7 @@ def general_modes(
     begins before `after` is there (see `hermitian_modes`).
     """
     M, C, K = jax.lax.stop_gradient((M, C, K))
-    M = M if after is None else _after(M, after)
+    M = M if after is None else ready_after(M, after)
     size = len(M)
     values, vectors = jnp.linalg.eig(_companion(M, C, K))
     scale = jnp.max(jnp.abs(values))
