@@ -40,6 +40,7 @@ def belt_stiffness():
     return 2 * 120e3 / np.sqrt(ARM**2 - (R[0] - R[1]) ** 2)
 
 
+@pytest.mark.slow
 def test_a_fan_is_moved_as_by_hand():
     # One degree of freedom: the fan's pulley between the belt and its torque, in plain SciPy.
     speed = 700 * RPM
@@ -102,6 +103,7 @@ def test_a_constant_power_excites():
     assert not found.stable  # nothing else damps
 
 
+@pytest.mark.slow
 def test_a_free_driver_is_the_linear_one_where_torques_are_small():
     drive, point = example("three_pulley")
     point = bj.OperatingPoint(driver_speed=2000 * RPM, torque=point.torque)
@@ -143,6 +145,7 @@ def test_a_free_driver_is_the_linear_one_where_torques_are_small():
     assert np.all(np.abs(found.multipliers[-2:]) < 1e-6)
 
 
+@pytest.mark.slow
 def test_mean_torque_of_a_free_driver_is_what_fluctuation_adds_to_its_loads():
     # The mean of the fan's torque grows with the square of the swing: times the ratio of speeds.
     speed = 700 * RPM
