@@ -284,6 +284,7 @@ def answers(values, functions, harmonics):
     return jnp.stack([jnp.rad2deg(found.travels[0]), jnp.min(found.tension_min)])
 
 
+@pytest.mark.slow
 def test_derivatives_three_ways():
     values = jnp.stack(numbers_of(example("three_pulley")[0]))
     reverse = quickly_compiled(jax.jacrev(answers))

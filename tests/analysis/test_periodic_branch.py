@@ -75,6 +75,7 @@ def test_points_are_motions_of_their_own(branch):
     assert all(float(one.stats["residual"]) < 1e-9 for one in found.responses)
 
 
+@pytest.mark.slow
 def test_period_doubles_where_a_multiplier_is_minus_one(branch):
     found, orders, options = branch
     (flip,) = found.flips

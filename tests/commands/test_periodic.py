@@ -96,6 +96,7 @@ def test_orders_of_the_file_are_those_of_the_command(run, tmp_path):
     assert [float(one.phase) for one in again.excitation.orders] == [0.0, 1.0]
 
 
+@pytest.mark.slow
 def test_a_pulley_that_slips_and_a_motion_that_is_not_found_end_with_2(run):
     seven = EXAMPLES / "seven_pulley.toml"
     words = "--speeds", "900 rpm", *SMALL, "--json", "-", "--modal-damping", 0.03

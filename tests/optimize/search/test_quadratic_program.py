@@ -66,12 +66,15 @@ def by_scipy(of):
 
 
 def test_scipy_finds_the_same_cost(programs, solutions):
-    for lane in range(0, LANES, len(programs.c[0]) // 12):
+    lanes = range(0, LANES, len(programs.c[0]) // 12)
+    same = 0
+    for lane in lanes:
         of = lane_of(programs, lane)
         ours, other = cost(of, np.asarray(solutions.d[lane])), cost(of, by_scipy(of))
         assert ours <= other + 1e-9 * (1 + abs(other))
-        if len(of.c) == 12:  # of so many SLSQP is capable
-            assert ours == pytest.approx(other, rel=1e-6)
+        same += int(ours == pytest.approx(other, rel=1e-6))
+    if len(programs.c[0]) == 12:  # of so many rows SLSQP is capable, but for a stall now and then
+        assert same >= len(lanes) - 2
 
 
 def test_no_point_at_all_costs_less(programs, solutions):
