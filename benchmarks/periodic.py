@@ -145,7 +145,7 @@ def main():
     how = given.harmonics, given.functions
     assert DRIVE.tensioner is not None
     stiffness = DRIVE.tensioner.stiffness
-    speeds = jnp.asarray(SPEED * np.linspace(0.9, 1.1, given.batch))
+    speeds = jnp.asarray(SPEED * np.linspace(1.0, 1.2, given.batch))
     fine = float(travel(stiffness, SPEED, 20, given.functions))
 
     def error(value):
