@@ -8,6 +8,7 @@ from beltjax.analysis.contact import ContactState, contact_state, maximum_moment
 from beltjax.analysis.damping import Damping
 from beltjax.analysis.linearization import Linearization, linearize
 from beltjax.analysis.modes import Modes, modes
+from beltjax.analysis.motion import driver_speed
 from beltjax.analysis.orders import ORDER
 from beltjax.analysis.periodic import PeriodicResponse, periodic_response
 from beltjax.analysis.response import Excitation, Response, frequency_response
@@ -89,7 +90,7 @@ class DriveAnalyses:
     @property
     def driver_speed(self) -> Float[Array, ""]:
         """The driver's angular speed [rad/s]."""
-        return self.point.speed(self.drive) / (self.drive.drives @ self.drive.radii)
+        return driver_speed(self.drive, self.point)
 
     def all_found(self) -> Bool[Array, ""]:
         """Return whether every analysis that has run found a state, slipping or not."""

@@ -86,9 +86,9 @@ def moving(drive: Drive, point: OperatingPoint, asked: ModelAsked) -> Moving:
         loaded_friction(drive, lin) if parts.varied else None,
     )
     if asked.basis is None:
-        tensions = ready_after(lin.model.Q, whole.damping)
-        if whole.rigid is not None:
-            tensions = ready_after(tensions, jnp.sum(whole.rigid))
+        # A rigid rotation comes after the damping itself.
+        earlier = whole.damping if whole.rigid is None else jnp.sum(whole.rigid)
+        tensions = ready_after(lin.model.Q, earlier)
         later = eqx.tree_at(lambda lin: lin.model.Q, lin, tensions)
         shapes = layered_shapes(later, asked.functions)
     else:

@@ -14,9 +14,10 @@ from jaxtyping import Array, Bool, Float
 
 from beltjax.analysis.motion import widened
 from beltjax.numerics.harmonic_balance import Coefficients, derived, series
-from beltjax.numerics.hybrid import ABOVE, BELOW, ENGAGED
+from beltjax.numerics.hybrid import BELOW, ENGAGED
 from beltjax.numerics.shooting import Trajectory
-from beltjax.physics.motion import MotionModel, dry_friction, friction_bounds
+from beltjax.physics.motion import MotionModel, dry_friction
+from beltjax.physics.set_valued import friction_power
 
 _TIMES = 4  # points of time per sample, or per step, from which extremes are refined
 
@@ -206,9 +207,7 @@ class SteppedMotion(_OverPhase):
         def power(x: Array, mode: Array, theta: Scalar) -> Bodies:
             z, rate = widened(self.shapes, x[: path.positions]), x[path.positions :]
             bodies = rate[path.positions - count : path.positions]
-            low, high = friction_bounds(model, z, theta)
-            held = jnp.where(mode == ABOVE, high, jnp.where(mode == BELOW, low, 0.0))
-            return (model.friction.smooth(bodies, low, high) + held) * bodies
+            return friction_power(model, z, bodies, theta, mode)
 
         return path.period * (weights @ jax.vmap(power)(states, modes, turned(path.parts)))
 

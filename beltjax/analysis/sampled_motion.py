@@ -6,12 +6,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from beltjax.analysis.driver_motion import DriverMotion
-from beltjax.analysis.motion import (
-    widened,
-)
+from beltjax.analysis.motion import widened
 from beltjax.analysis.orbit_motion import AbstractMotion, MotionGrid, open_clutches
-from beltjax.numerics.hybrid import ABOVE, BELOW, ENGAGED
-from beltjax.physics.motion import MotionModel, friction_bounds
+from beltjax.numerics.hybrid import BELOW, ENGAGED
+from beltjax.physics.motion import MotionModel
+from beltjax.physics.set_valued import friction_power
 
 Scalar = Float[Array, ""]
 State = Float[Array, " size"]
@@ -76,9 +75,7 @@ class SampledMotion(AbstractMotion):
         def power(at: Scalar, mode: Array) -> Float[Array, " tensioners"]:
             rate, z, theta = self.rate(at), self.at(at), self.turned(at)
             bodies = rate[len(rate) - count :]
-            low, high = friction_bounds(model, z, theta)
-            held = jnp.where(mode == ABOVE, high, jnp.where(mode == BELOW, low, 0.0))
-            return (model.friction.smooth(bodies, low, high) + held) * bodies
+            return friction_power(model, z, bodies, theta, mode)
 
         return self.duration * (grid.weights @ jax.vmap(power)(grid.at, modes))
 

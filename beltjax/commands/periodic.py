@@ -11,9 +11,11 @@ from beltjax.commands.registry import (
     driver_option,
     duty_option,
     figure_option,
+    functions_option,
     json_option,
     modal_damping_option,
     order_option,
+    orders_option,
     si_option,
     torque_option,
 )
@@ -36,11 +38,7 @@ def _document() -> type["Document"]:
 @torque_option
 @order_option
 @driver_option
-@click.option(
-    "--orders",
-    metavar="ORDER=AMPLITUDE[@PHASE],..",
-    help="Turn the driver at several orders, in place of --crank and --order.",
-)
+@orders_option
 @click.option(
     "--speeds",
     metavar="SPEED|FROM:TO[:POINTS]",
@@ -67,13 +65,7 @@ def _document() -> type["Document"]:
     show_default=True,
     help="Describe the motion by so many harmonics.",
 )
-@click.option(
-    "--functions",
-    type=click.IntRange(0, 32),
-    default=16,
-    show_default=True,
-    help="Describe the deflection of each span by so many functions.",
-)
+@functions_option(16)
 @click.option(
     "--sensitivities/--no-sensitivities",
     default=True,

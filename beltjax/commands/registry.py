@@ -108,6 +108,11 @@ order_option = click.option(
     type=float,
     help="Excite so often per rotation of the driver; 2 unless the file says.",
 )
+orders_option = click.option(
+    "--orders",
+    metavar="ORDER=AMPLITUDE[@PHASE],..",
+    help="Turn the driver at several orders, in place of --crank and --order.",
+)
 driver_option = click.option(
     "--driver",
     type=click.Choice(["prescribed", "free"]),
@@ -139,6 +144,17 @@ seed_option = click.option(
 )
 quantities_option = _listing_option("--quantities", _list_quantities, "quantities")
 optimizers_option = _listing_option("--methods", _list_optimizers, "optimizers")
+
+
+def functions_option(usual: int) -> Callable[[Callable], Callable]:
+    """The option of how many functions describe a span, so many unless given."""
+    return click.option(
+        "--functions",
+        type=click.IntRange(0, 32),
+        default=usual,
+        show_default=True,
+        help="Describe the deflection of each span by so many functions.",
+    )
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})

@@ -10,9 +10,11 @@ from beltjax.commands.registry import (
     crank_option,
     duty_option,
     figure_option,
+    functions_option,
     json_option,
     modal_damping_option,
     order_option,
+    orders_option,
     si_option,
     torque_option,
 )
@@ -50,20 +52,10 @@ def _document() -> type["Document"]:
 @crank_option
 @torque_option
 @order_option
-@click.option(
-    "--orders",
-    metavar="ORDER=AMPLITUDE[@PHASE],..",
-    help="Turn the driver at several orders, in place of --crank and --order.",
-)
+@orders_option
 @modal_damping_option
 @belt_damping_option
-@click.option(
-    "--functions",
-    type=click.IntRange(0, 32),
-    default=12,
-    show_default=True,
-    help="Describe the deflection of each span by so many functions.",
-)
+@functions_option(12)
 @duty_option
 @json_option
 @click.option("--netcdf", metavar="FILE.nc", help="Write the motion over time, with units.")

@@ -41,9 +41,14 @@ class Neutral(NamedTuple):
     direction: State
     coordinate: Int[Array, ""]
 
+    @property
+    def row(self) -> State:
+        """What the equation of that coordinate has of the mean beside the force's own."""
+        return self.direction / (self.direction @ self.direction)
+
     def mean_load(self, X: Coefficients) -> Scalar:
         """The mean load beside the force's own, from the coefficients of a motion."""
-        return -(self.direction @ X[0]) / (self.direction @ self.direction)
+        return -(self.row @ X[0])
 
 
 def series(phase: Array, harmonics: int) -> Float[Array, "*phases terms"]:
@@ -121,8 +126,7 @@ def preconditioner(
     w = system.frequency * jnp.arange(len(X) // 2 + 1)[:, None, None]
     pencils = (system.stiffness + K) - w**2 * system.mass + 1j * w * (system.damping + C)
     if system.neutral is not None:
-        u, row = system.neutral
-        pencils = pencils.at[0, row].add(u / (u @ u))
+        pencils = pencils.at[0, system.neutral.coordinate].add(system.neutral.row)
     inverses = jnp.linalg.inv(pencils)
 
     def apply(right: Coefficients) -> Coefficients:
@@ -151,6 +155,5 @@ def jacobian(
     inner = jnp.concatenate(parts).reshape(-1, size**2)
     whole = (outer.T @ inner).reshape(terms, terms, size, size)
     if system.neutral is not None:
-        u, row = system.neutral
-        whole = whole.at[0, 0, row].add(u / (u @ u))
+        whole = whole.at[0, 0, system.neutral.coordinate].add(system.neutral.row)
     return whole.transpose(0, 2, 1, 3).reshape(terms * size, -1)

@@ -12,7 +12,14 @@ from collections.abc import Callable
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from beltjax.numerics.hybrid import Elements, HybridSystem, mechanical_system
+from beltjax.numerics.hybrid import (
+    ABOVE,
+    BELOW,
+    Elements,
+    HybridSystem,
+    Mode,
+    mechanical_system,
+)
 from beltjax.physics.joints import DECOUPLER
 from beltjax.physics.motion import Driving, MotionModel, beside_linear, friction_bounds
 
@@ -24,6 +31,19 @@ def has_modes(model: MotionModel) -> Bool[Array, ""]:
     """Whether some law of the drive is set-valued."""
     found = jnp.any(model.friction.holds())
     return found if model.joints is None else found | jnp.any(model.joints.one_way)
+
+
+def friction_power(
+    model: MotionModel,
+    z: State,
+    rate: Float[Array, " coordinates"],
+    theta: Scalar,
+    mode: Mode,
+) -> Float[Array, " coordinates"]:
+    """Power of dry friction of each body, whose rates and modes these are."""
+    low, high = friction_bounds(model, z, theta)
+    held = jnp.where(mode == ABOVE, high, jnp.where(mode == BELOW, low, 0.0))
+    return (model.friction.smooth(rate, low, high) + held) * rate
 
 
 def overruns(model: MotionModel) -> Float[Array, "size joints"]:

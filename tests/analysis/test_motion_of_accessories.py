@@ -36,7 +36,7 @@ def fan(speed, share=6.0):
 
 
 def belt_stiffness():
-    """Of both spans, by the rotation of the rims over their radii [N/m]."""
+    """Stiffness of both spans together, by the travel of the rims [N/m]."""
     return 2 * 120e3 / np.sqrt(ARM**2 - (R[0] - R[1]) ** 2)
 
 

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from beltjax.analysis.damping import Damping
 from beltjax.analysis.friction import lock_torque
+from beltjax.analysis.motion import driver_speed
 from beltjax.analysis.moving import law_with_modes
 from beltjax.analysis.orders import Orders
 from beltjax.analysis.periodic import PeriodicResponse, Resolution, periodic_response
@@ -279,8 +280,7 @@ def _speeds(
     path: str | os.PathLike[str], drive: Drive, point: OperatingPoint, text: str | None
 ) -> np.ndarray:
     if text is None:
-        radius = float(drive.drives @ drive.radii)
-        speeds = np.array([float(point.speed(drive)) / radius])
+        speeds = np.array([float(driver_speed(drive, point))])
         if not speeds[0] > 0:
             raise FileError(path, "operation", "the drive stands still; give --speeds")
         return speeds
