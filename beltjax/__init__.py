@@ -8,6 +8,8 @@ from pathlib import Path
 
 import lazy_loader
 
+from beltjax.compiling.threads import give_xla_threads
+
 __version__ = "0.1.0"
 
 # In a checkout the package `optimize` lies beside this one and is found there; an installation
@@ -15,5 +17,7 @@ __version__ = "0.1.0"
 _BESIDE = Path(__file__).resolve().parents[1]
 if (_BESIDE / "optimize" / "study_file.py").is_file() and (_BESIDE / "pyproject.toml").is_file():
     __path__.append(str(_BESIDE))
+
+give_xla_threads()
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -6,6 +6,7 @@ is taken apart in the thread that asks for it; of large ones hardly anything is 
 """
 
 import functools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -44,7 +45,7 @@ def _factors(matrix: Array) -> tuple[Array, Array]:
 
 
 @functools.cache
-def _back(transposed: bool):
+def _back(transposed: bool) -> Callable[[Array, Array, Array], Array]:
     @sequential_vmap
     def solve(lu: Array, pivots: Array, right: Array) -> Array:
         return jax.scipy.linalg.lu_solve((lu, pivots), right, trans=int(transposed))
