@@ -11,7 +11,8 @@ from jax.custom_derivatives import SymbolicZero, zero_from_primal
 from jaxtyping import Array, Bool, Float
 
 Scalar = Float[Array, ""]
-Numbers, Found = TypeVar("Numbers"), TypeVar("Found")
+Numbers = TypeVar("Numbers")
+Found = TypeVar("Found")
 
 
 def frozen_unless(good: Bool[Array, ""], numbers: Numbers) -> Numbers:
