@@ -11,6 +11,13 @@ from .analysis.damping import Damping as Damping
 from .analysis.driver_motion import CrankSignal as CrankSignal
 from .analysis.duties import duty_states as duty_states
 from .analysis.friction import lock_torque as lock_torque
+from .analysis.friction_laws import AbstractFrictionLaw as AbstractFrictionLaw
+from .analysis.friction_laws import CoulombFriction as CoulombFriction
+from .analysis.friction_laws import CubicFriction as CubicFriction
+from .analysis.friction_laws import StribeckFriction as StribeckFriction
+from .analysis.friction_oscillator import FrictionCycle as FrictionCycle
+from .analysis.friction_oscillator import FrictionOscillator as FrictionOscillator
+from .analysis.friction_oscillator import friction_oscillator as friction_oscillator
 from .analysis.linearization import Linearization as Linearization
 from .analysis.linearization import linearize as linearize
 from .analysis.modes import Modes as Modes
