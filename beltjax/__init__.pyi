@@ -42,6 +42,10 @@ from .analysis.response import Response as Response
 from .analysis.response import frequency_response as frequency_response
 from .analysis.response import peak_response as peak_response
 from .analysis.response import speed_response as speed_response
+from .analysis.slip_onset import SlipOnset as SlipOnset
+from .analysis.slip_onset import slip_onset as slip_onset
+from .analysis.slip_stability import SlipStability as SlipStability
+from .analysis.slip_stability import slip_stability as slip_stability
 from .analysis.steady import Exact as Exact
 from .analysis.steady import Linear as Linear
 from .analysis.steady import Perturbation as Perturbation

@@ -22,7 +22,7 @@ from jaxtyping import Array, Bool, Float
 
 from beltjax.compiling.batched_loops import in_lanes_of
 from beltjax.numerics.derivative_rules import with_own_slopes
-from beltjax.numerics.roots import implicit_root, increasing_root, system_root
+from beltjax.numerics.roots import bracketed_root, implicit_root, system_root
 from beltjax.physics.friction_laws import FrictionCurve, grip
 
 Scalar = Float[Array, ""]
@@ -301,13 +301,13 @@ class Onset(NamedTuple):
 
 def onset(model: FrictionModel) -> Onset:
     """The sliding speed above which friction no longer feeds an oscillation."""
-    m, curve = model, model.curve
-    fixed = jax.lax.stop_gradient(m)
+    m, fixed = model, jax.lax.stop_gradient(model)
+    curve = fixed.curve
     falls = curve.steepness < 0
     # Speeds beyond which the law is flat, or rises.
     has_cubic = (curve.cubic > 0) & (curve.linear < 0)
     lowest = jnp.sqrt(-curve.linear / jnp.where(has_cubic, 3 * curve.cubic, jnp.inf))
-    flat = jax.lax.stop_gradient(jnp.where(has_cubic, lowest, 8 * curve.speed))
+    flat = jnp.where(has_cubic, lowest, 8 * curve.speed)
     nodes = flat * jnp.linspace(0.0, 1.0, 65)
     place = jnp.argmin(jax.vmap(fixed.slope)(nodes))
     rise, bend = jax.grad(fixed.slope), jax.grad(jax.grad(fixed.slope))
@@ -322,30 +322,33 @@ def onset(model: FrictionModel) -> Onset:
     steepest = jax.lax.fori_loop(0, 8, newton, nodes[place])
     critical = jnp.where(falls, -m.slope(jax.lax.stop_gradient(steepest)), 0.0)
     some = falls & (critical > m.damping)
-    # Friction may fall for ever, and nothing damp it.
-    most = fixed.sliding_load(flat)
-    ends = has_cubic | (fixed.damping + most * jnp.maximum(fixed.curve.linear, 0.0) > 0)
-    wanted = some & ends
+    upper = _no_longer_falling(fixed, lowest)
+    wanted = some & jnp.isfinite(upper)
+    # Friction may fall for ever, and nothing damp it: then there is no root.
+    upper = jnp.where(wanted, upper, 1.0)
+    lower = jnp.where(wanted, jnp.minimum(steepest, upper), 0.0)
 
-    def unmet(at: Scalar, m: FrictionModel) -> Scalar:
-        return (m.damping + m.slope(at * flat)) / jax.lax.stop_gradient(critical + m.damping)
+    def unmet(v: Scalar, m: FrictionModel) -> Scalar:
+        return jnp.where(wanted, m.damping + m.slope(v), v - 0.5)
 
-    lower = jnp.where(wanted, steepest / flat, 0.0)
-    spare = fixed._replace(damping=jnp.zeros(()), load=jnp.zeros(()))
-    harmless = jax.tree.map(lambda a, b: jnp.where(wanted, a, b), m, spare)
-    quiet = jax.lax.stop_gradient(harmless)
-
-    def searched(at: Scalar) -> Scalar:
-        return jnp.where(wanted, unmet(at, quiet), at - 0.5)
-
-    found = increasing_root(searched, lower, lower + 0.1, tol=1e-12)
-
-    def equation(at: Scalar, m: FrictionModel) -> Scalar:
-        return jnp.where(wanted, unmet(at, m), at - 0.5)
-
-    speed = flat * implicit_root(equation, harmless, found.root)
+    found = bracketed_root(lambda v: unmet(v, fixed), lower, upper)
+    speed = implicit_root(unmet, m, found.root)
     speed = jnp.where(wanted, speed, jnp.where(some, jnp.inf, 0.0))
     return Onset(speed, critical, steepest)
+
+
+def _no_longer_falling(m: FrictionModel, lowest: Scalar) -> Scalar:
+    """A sliding speed from which on damping surely outweighs friction; infinite if there is none."""
+    curve, load = m.curve, jnp.maximum(m.sliding_load(0.0 * m.damping), m.load)
+    drop, speed = jnp.maximum(curve.drop, 0.0), curve.speed
+
+    def fades_below(slope: Scalar) -> Scalar:
+        ratio = drop / (speed * jnp.where(slope > 0, slope, 1.0))
+        faded = speed * jnp.log(jnp.maximum(ratio, 1.0))
+        return jnp.where(slope > 0, faded, jnp.inf)
+
+    faded = jnp.minimum(fades_below(m.damping / load), fades_below(curve.linear))
+    return jnp.where(curve.linear < 0, lowest, faded)
 
 
 def criticality(model: FrictionModel, v: Scalar) -> Scalar:
