@@ -109,8 +109,9 @@ def onset_of(
 
 def _told(speed: float, there: Tracked, gradient: Gradient | None) -> SlipOnset:
     values, size = there.values, np.abs(there.values)
-    real = values[np.abs(values.imag) <= 1e-6 * size].real
-    others = (values.real > 1e-6 * size) & (values.imag > 1e-6 * size)
+    growth, turning = np.real(values), np.imag(values)
+    real = growth[np.abs(turning) <= 1e-6 * size]
+    others = (growth > 1e-6 * size) & (turning > 1e-6 * size)
     others &= np.abs(values - there.squeal) > 1e-9 * size
     runaway = float(max([0.0, *real]))
     frequency = abs(there.squeal.imag)

@@ -256,7 +256,7 @@ class Pulley(Readable):
         beside = self.friction, self.friction_speed
         if self.friction_static is not None and any(number is None for number in beside):
             raise ValueError(
-                f"Pulley {self.name!r}: friction_static needs friction and friction_speed beside it."
+                f"Pulley {self.name!r}: friction_static needs friction and friction_speed, too."
             )
 
     @property

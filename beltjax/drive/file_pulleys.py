@@ -230,7 +230,7 @@ def pulleys_of(wheels: Wheels, of: BodiesOfFile, path: object) -> list[Pulley]:
 
 
 def _require_friction(pulley: PulleyTable, path: object) -> None:
-    """Raise `FileError` for numbers of a law of friction of which one is missing or out of order."""
+    """Raise `FileError` for a law of friction with a number missing or out of order."""
     given = given_numbers(pulley, Pulley)
     static, key = given.get("friction_static"), f"pulley.{pulley.name}"
     for name, found in (

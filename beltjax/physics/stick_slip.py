@@ -338,7 +338,7 @@ def onset(model: FrictionModel) -> Onset:
 
 
 def _no_longer_falling(m: FrictionModel, lowest: Scalar) -> Scalar:
-    """A sliding speed from which on damping surely outweighs friction; infinite if there is none."""
+    """A sliding speed from which on damping surely outweighs friction; infinite: there is none."""
     curve, load = m.curve, jnp.maximum(m.sliding_load(0.0 * m.damping), m.load)
     drop, speed = jnp.maximum(curve.drop, 0.0), curve.speed
 
