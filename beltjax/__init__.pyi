@@ -10,6 +10,7 @@ from .analysis.contact_path import span_deflection as span_deflection
 from .analysis.damping import Damping as Damping
 from .analysis.driver_motion import CrankSignal as CrankSignal
 from .analysis.duties import duty_states as duty_states
+from .analysis.entry_angles import entry_angles as entry_angles
 from .analysis.friction import lock_torque as lock_torque
 from .analysis.friction_laws import AbstractFrictionLaw as AbstractFrictionLaw
 from .analysis.friction_laws import CoulombFriction as CoulombFriction
@@ -42,6 +43,8 @@ from .analysis.response import Response as Response
 from .analysis.response import frequency_response as frequency_response
 from .analysis.response import peak_response as peak_response
 from .analysis.response import speed_response as speed_response
+from .analysis.slip_margin import SlipMargin as SlipMargin
+from .analysis.slip_margin import slip_margin as slip_margin
 from .analysis.slip_onset import SlipOnset as SlipOnset
 from .analysis.slip_onset import slip_onset as slip_onset
 from .analysis.slip_stability import SlipStability as SlipStability

@@ -90,7 +90,7 @@ def hub_load(analyses: DriveAnalyses, pulley: int) -> Scalar:
 @quantity("slip_margin", place="pulley", needs="pulley friction")
 def slip_margin(analyses: DriveAnalyses, pulley: int) -> Scalar:
     """Friction times wrap of one pulley, less the logarithm of the ratio of its tensions."""
-    friction = analyses.drive.pulleys[pulley].friction
+    friction = analyses.drive.pulleys[pulley].holding
     assert friction is not None  # because it is needed
     wrap = analyses.steady.reference.layout.wraps[pulley]
     return friction * wrap - analyses.steady.slip_exponents[pulley]

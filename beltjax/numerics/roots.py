@@ -1,11 +1,10 @@
 """Roots of small systems: searched with safeguards, differentiated at the equations.
 
 A search (`increasing_root`, `bracketed_root`, `system_root`) finds a root and is never
-differentiated: hand it arguments without derivatives. `implicit_root` gives a root found in any way its derivative,
-forward and reverse and to any order, by one linear solve with the converged equations, and
-`implicit_solution` what follows from the root, too. Between
-the two a caller can replace what failed by something harmless, so that no lane of a batch
-disturbs its neighbors.
+differentiated: hand it arguments without derivatives. `implicit_root` gives a root found in any
+way its derivative, forward and reverse and to any order, by one linear solve with the converged
+equations, and `implicit_solution` what follows from the root, too. Between the two a caller can
+replace what failed by something harmless, so that no lane of a batch disturbs its neighbors.
 
 The linear solves are done here, not by LAPACK: a call a lane is slow under `vmap`, and can hang
 XLA's thread pool on few cores.
