@@ -20,6 +20,7 @@ from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.canonical import canonical, strongly_typed
 from beltjax.drive.components import as_real
 from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.placeholders import harmless, numbers_are_usable
 from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis, Legendre
@@ -136,6 +137,7 @@ def _shaken(
 @boundary_jit
 def _of_motion(drive: Drive, point: OperatingPoint, most: Float[Array, " pulleys"]) -> SlipMargin:
     steady = steady_state(drive, point, throw=False)
+    drive, _ = harmless(drive, point, numbers_are_usable(drive, point))
     return _margins(drive, steady, most, jnp.array(True))
 
 
@@ -148,16 +150,19 @@ def _slip_margin(
     basis: AbstractBasis,
 ) -> SlipMargin:
     steady = steady_state(drive, point, throw=False)
+    drive, point = harmless(drive, point, numbers_are_usable(drive, point))
     if shaken is None:
         return _margins(drive, steady, None, jnp.array(True))
     lin = linearize(steady, basis, free=shaken.free, throw=False)
     harmonics = jnp.arange(1, len(shaken.forcing.crank))
     frequencies = harmonics * shaken.base * driver_speed(drive, point)
     parts = shaken.forcing.crank[1:], shaken.forcing.torques[1:]
+    given = jnp.all(jnp.stack([jnp.all(jnp.isfinite(part)) for part in parts]))
+    parts = [jnp.where(given, part, 0.0) for part in parts]
     swings, finite = harmonic_response(lin, frequencies, *parts, damping)
     over = swings / steady.scales.tension
     most = largest_exponents(steady.effective_tensions, over, drive.loops)
-    return _margins(drive, steady, most, finite)
+    return _margins(drive, steady, most, given & finite)
 
 
 def largest_exponents(

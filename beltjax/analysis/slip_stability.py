@@ -17,6 +17,7 @@ from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.canonical import canonical
 from beltjax.drive.components import Pulley, as_real, concrete
 from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.placeholders import harmless, numbers_are_usable
 from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
 from beltjax.physics.friction_laws import FrictionCurve
@@ -203,6 +204,7 @@ def _slip_stability(
     sliding_speed: Float[Array, ""] | None,
 ) -> SlipStability:
     steady = steady_state(drive, point, throw=False)
+    drive, point = harmless(drive, point, numbers_are_usable(drive, point))
     frame, arcs = drive_frame(drive, steady), arc_models(drive, steady)
 
     def at(place: Int[Array, ""]) -> SlipStability:

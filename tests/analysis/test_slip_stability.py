@@ -202,7 +202,7 @@ VALUES = jnp.stack(numbers_in((DRIVE, POINT)))
 def lanes():
     """The drive, one whose belt is slack, one without tension, one whose friction has no speed."""
     slack, none = VALUES.at[2].set(1.0), VALUES.at[2].set(-5.0)
-    x = jnp.stack([VALUES, slack, none, VALUES.at[6].set(-1.0)])
+    x = jnp.stack([VALUES, slack, none, VALUES.at[6].set(-1.0), VALUES.at[3].set(jnp.nan)])
     return quickly_compiled(jax.vmap(of_lane))(x)
 
 
@@ -224,7 +224,7 @@ def test_derivatives_three_ways(lanes):
 def test_a_bad_lane_leaves_its_neighbors_alone(lanes):
     values, forward, reverse, result = lanes
     alone = bj.slip_stability(DRIVE, POINT, "accessory", 0.4, damping=30.0)
-    np.testing.assert_array_equal(result == bj.RESULTS.successful, [True, False, False, False])
+    np.testing.assert_array_equal(result == bj.RESULTS.successful, [True, *[False] * 4])
     assert float(values[0][0]) == pytest.approx(float(alone.onset_speed), rel=1e-12)
     for part in (values, forward, reverse):
         assert np.all(np.isfinite(part))
