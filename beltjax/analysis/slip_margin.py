@@ -97,33 +97,35 @@ def slip_margin(
         found = eqx.tree_at(lambda f: f.result, found, result)
         return raise_unless_successful(found, found.result, throw)
     basis = Legendre(16) if basis is None else basis
-    shaken = _shaken(drive, point, excitation, order)
+    shaken = shaken_by(drive, point, excitation, order)
     damping = strongly_typed(Damping() if damping is None else damping)
-    found = _slip_margin(*canonical(drive, point), shaken, damping, basis)
+    found = margins_of(*canonical(drive, point), shaken, damping, basis)
     return raise_unless_successful(found, found.result, throw)
 
 
-class _Shaken(NamedTuple):
+class Shaken(NamedTuple):
+    """An excitation by harmonics of its period."""
+
     forcing: Forcing
     base: Float[Array, ""]  # order of the period
     free: bool
 
 
-def _shaken(
+def shaken_by(
     drive: Drive,
     point: OperatingPoint,
     excitation: Excitation | Orders | None,
     order: Float[Array, ""] | float,
-) -> _Shaken | None:
+) -> Shaken | None:
     """The excitation by harmonics of its period; None where there is none."""
     names, given = drive.pulley_names, point.excitation
     if isinstance(excitation, Excitation):
         forcing = Orders({1.0: excitation}).forcing(names, 1)
-        return _Shaken(strongly_typed(forcing), as_real(order), False)
+        return Shaken(strongly_typed(forcing), as_real(order), False)
     if isinstance(excitation, Orders):
         highest = round(max(excitation.excitations) / excitation.base)
         forcing = strongly_typed(excitation).forcing(names, highest)
-        return _Shaken(forcing, as_real(excitation.base), excitation.driver == "free")
+        return Shaken(forcing, as_real(excitation.base), excitation.driver == "free")
     if given is None or not given.excites:
         return None
     highest = 1
@@ -131,7 +133,7 @@ def _shaken(
         every = Orders({one.order: Excitation() for one in given.orders})
         highest = round(max(every.excitations) / every.base)
     forcing, base = given_forcing(given, names, highest)
-    return _Shaken(strongly_typed(forcing), as_real(base), given.driver == "free")
+    return Shaken(strongly_typed(forcing), as_real(base), given.driver == "free")
 
 
 @boundary_jit
@@ -142,13 +144,14 @@ def _of_motion(drive: Drive, point: OperatingPoint, most: Float[Array, " pulleys
 
 
 @boundary_jit
-def _slip_margin(
+def margins_of(
     drive: Drive,
     point: OperatingPoint,
-    shaken: _Shaken | None,
+    shaken: Shaken | None,
     damping: Damping,
     basis: AbstractBasis,
 ) -> SlipMargin:
+    """`slip_margin` of a canonical drive and point."""
     steady = steady_state(drive, point, throw=False)
     drive, point = harmless(drive, point, numbers_are_usable(drive, point))
     if shaken is None:
@@ -158,8 +161,8 @@ def _slip_margin(
     frequencies = harmonics * shaken.base * driver_speed(drive, point)
     parts = shaken.forcing.crank[1:], shaken.forcing.torques[1:]
     given = jnp.all(jnp.stack([jnp.all(jnp.isfinite(part)) for part in parts]))
-    parts = [jnp.where(given, part, 0.0) for part in parts]
-    swings, finite = harmonic_response(lin, frequencies, *parts, damping)
+    cranks, torques = (jnp.where(given, part, 0.0) for part in parts)
+    swings, finite = harmonic_response(lin, frequencies, cranks, torques, damping)
     over = swings / steady.scales.tension
     most = largest_exponents(steady.effective_tensions, over, drive.loops)
     return _margins(drive, steady, most, given & finite)

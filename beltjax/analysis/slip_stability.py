@@ -91,6 +91,15 @@ class SlipStability(Readable):
         """
         return eigenvalues_at(self, self.sliding_speed)[0]
 
+    def of_place(self, place: int) -> "SlipStability":
+        """The belt on one pulley, of all pulleys."""
+        whole = eqx.tree_at(lambda f: (f.result, f.steady), self, (None, None))
+        part = jax.tree.map(lambda x: x[place], whole)
+        result = jax.tree.map(lambda x: x[place], self.result)
+        return eqx.tree_at(
+            lambda f: (f.result, f.steady), part, (result, self.steady), is_leaf=lambda x: x is None
+        )
+
 
 def slip_stability(
     drive: Drive,
@@ -139,7 +148,7 @@ def slip_stability(
     if sliding_speed is not None:
         sliding_speed = as_real(sliding_speed)
         _require_positive("sliding_speed", sliding_speed, "m/s")
-    found = _slip_stability(*asked, sliding_speed)
+    found = stability_of(*asked, sliding_speed)
     return raise_unless_successful(found, failure_of(found.result), throw)
 
 
@@ -197,12 +206,13 @@ def _require_positive(what: str, value: Array, unit: str) -> None:
 
 
 @boundary_jit
-def _slip_stability(
+def stability_of(
     drive: Drive,
     point: OperatingPoint,
     places: Int[Array, "*pulleys"],
     sliding_speed: Float[Array, ""] | None,
 ) -> SlipStability:
+    """`slip_stability` of a canonical drive and point."""
     steady = steady_state(drive, point, throw=False)
     drive, point = harmless(drive, point, numbers_are_usable(drive, point))
     frame, arcs = drive_frame(drive, steady), arc_models(drive, steady)
@@ -470,3 +480,15 @@ def matrices_at(
 ) -> tuple[Float[Array, "size size"], Float[Array, "size size"]]:
     """Damping and stiffness of a whole drive at a sliding speed."""
     return equations.at(model, v)
+
+
+@boundary_jit
+def growth_over_speed(
+    model: FrictionModel, speeds: Float[Array, " speeds"]
+) -> Float[Array, "pulleys speeds"]:
+    """Growth of the oscillation on each arc at sliding speeds [m/s]."""
+
+    def at(one: FrictionModel, v: Float[Array, ""]) -> Float[Array, ""]:
+        return -(one.damping + one.slope(v)) / (2 * one.mass)
+
+    return jax.vmap(lambda one: jax.vmap(lambda v: at(one, v))(speeds))(model)
