@@ -122,7 +122,11 @@ def test_sensitivities(run, tmp_path):
         ("", ("--damping", "5 m"), "--damping: "),
         ("", ("--sliding", "fast"), "--sliding: "),
         ("", (), "belt.longitudinal_damping: is missing; give it, or --damping"),
-        ("friction_speed = 0.3\n", PLAIN, r"pulley.\w+.friction_speed: is missing; friction_static"),
+        (
+            "friction_speed = 0.3\n",
+            PLAIN,
+            r"pulley.\w+.friction_speed: is missing; friction_static",
+        ),
         ("friction_static = 0.6\n", PLAIN, "friction_speed: belongs beside friction_static"),
         ("friction = 0.15\n", PLAIN, r"pulley.\w+.friction: is missing; friction_static needs"),
     ],
