@@ -77,7 +77,11 @@ def slip_onset(
         AnalysisError: the steady state was not found.
 
     Examples:
-        >>> drive, point = bj.load_drive("examples/six_pulley_accessory.toml")
+        >>> import dataclasses
+        >>> drive, point = bj.load_drive("examples/seven_pulley.toml")
+        >>> law = {"friction_static": 0.6, "friction": 0.3, "friction_speed": 0.3}
+        >>> pulleys = tuple(dataclasses.replace(one, **law) for one in drive.pulleys)
+        >>> drive = dataclasses.replace(drive, pulleys=pulleys)
         >>> found = bj.slip_onset(drive, point, "alternator", damping=50.0)
         >>> found.speed, found.gradient[0].belt.axial_stiffness
     """

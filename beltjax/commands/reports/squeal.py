@@ -102,7 +102,7 @@ class SquealOptions(NamedTuple):
     slopes: bool = False  # for the document
 
 
-class _Found(NamedTuple):
+class SquealFound(NamedTuple):
     """What is known of a drive."""
 
     numbers: Squeal
@@ -142,7 +142,7 @@ def squeal_report(
         failure = str(FileError(path, "excitation", explanation(numbers.margins.result)))
     else:
         whole = _whole_drive(drive, point, numbers.stability, given.slopes)
-    document = squeal_document(drive, _Found(numbers, whole), sliding, success)
+    document = squeal_document(drive, SquealFound(numbers, whole), sliding, success)
     document |= {"at": where, "warnings": [*file_warnings(drive)], "sensitivities": None}
     if given.slopes and success:
         advance("differentiating", 0, None)
@@ -240,7 +240,7 @@ def _sensitivities(
 
 
 def squeal_document(
-    drive: Drive, found: _Found, sliding: float | None, success: bool
+    drive: Drive, found: SquealFound, sliding: float | None, success: bool
 ) -> dict[str, Any]:
     """The judgement of each pulley; numbers are null where the running drive was not found."""
     pulleys = _pulleys(drive, found, sliding) if success else None
@@ -258,7 +258,7 @@ def squeal_document(
     }
 
 
-def _pulleys(drive: Drive, found: _Found, sliding: float | None) -> list[dict[str, Any]]:
+def _pulleys(drive: Drive, found: SquealFound, sliding: float | None) -> list[dict[str, Any]]:
     stability, margins = found.numbers
     rows = []
     angles = _entry_angles(drive, stability)
