@@ -99,7 +99,7 @@ def slip_margin(
     basis = Legendre(16) if basis is None else basis
     shaken = shaken_by(drive, point, excitation, order)
     damping = strongly_typed(Damping() if damping is None else damping)
-    found = margins_of(*canonical(drive, point), shaken, damping, basis)
+    found = _slip_margin(*canonical(drive, point), shaken, damping, basis)
     return raise_unless_successful(found, found.result, throw)
 
 
@@ -144,15 +144,26 @@ def _of_motion(drive: Drive, point: OperatingPoint, most: Float[Array, " pulleys
 
 
 @boundary_jit
-def margins_of(
+def _slip_margin(
     drive: Drive,
     point: OperatingPoint,
     shaken: Shaken | None,
     damping: Damping,
     basis: AbstractBasis,
 ) -> SlipMargin:
-    """`slip_margin` of a canonical drive and point."""
     steady = steady_state(drive, point, throw=False)
+    return margins_about(drive, point, steady, shaken, damping, basis)
+
+
+def margins_about(
+    drive: Drive,
+    point: OperatingPoint,
+    steady: SteadyState,
+    shaken: Shaken | None,
+    damping: Damping,
+    basis: AbstractBasis,
+) -> SlipMargin:
+    """`slip_margin` of a canonical drive and point, whose steady state is known."""
     drive, point = harmless(drive, point, numbers_are_usable(drive, point))
     if shaken is None:
         return _margins(drive, steady, None, jnp.array(True))

@@ -19,7 +19,7 @@ from beltjax.analysis.slip_stability import (
     with_damping,
 )
 from beltjax.analysis.steady import steady_state
-from beltjax.compiling.quick import quickly_compiled
+from beltjax.compiling.kept_programs import run_kept
 from beltjax.drive.canonical import restored
 from beltjax.drive.components import as_real
 from beltjax.drive.operation import OperatingPoint
@@ -106,7 +106,7 @@ def onset_of(
     if slopes:
         asked = asked_of_slip(drive, point, pulley, None)
         rows = _vectors(found, speed, there.squeal)
-        pulled = quickly_compiled(_pulled)(*asked, as_real(speed), *map(jnp.asarray, rows))
+        pulled = run_kept(_pulled, *asked, as_real(speed), *map(jnp.asarray, rows))
         gradient = restored(pulled, drive, point)
     return _told(speed, there, gradient)
 

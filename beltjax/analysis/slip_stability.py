@@ -152,7 +152,7 @@ def slip_stability(
     if sliding_speed is not None:
         sliding_speed = as_real(sliding_speed)
         _require_positive("sliding_speed", sliding_speed, "m/s")
-    found = stability_of(*asked, sliding_speed)
+    found = _slip_stability(*asked, sliding_speed)
     return raise_unless_successful(found, failure_of(found.result), throw)
 
 
@@ -210,14 +210,24 @@ def _require_positive(what: str, value: Array, unit: str) -> None:
 
 
 @boundary_jit
-def stability_of(
+def _slip_stability(
     drive: Drive,
     point: OperatingPoint,
     places: Int[Array, "*pulleys"],
     sliding_speed: Float[Array, ""] | None,
 ) -> SlipStability:
-    """`slip_stability` of a canonical drive and point."""
     steady = steady_state(drive, point, throw=False)
+    return stability_about(drive, point, steady, places, sliding_speed)
+
+
+def stability_about(
+    drive: Drive,
+    point: OperatingPoint,
+    steady: SteadyState,
+    places: Int[Array, "*pulleys"],
+    sliding_speed: Float[Array, ""] | None,
+) -> SlipStability:
+    """`slip_stability` of a canonical drive and point, whose steady state is known."""
     drive, point = harmless(drive, point, numbers_are_usable(drive, point))
     frame, arcs = drive_frame(drive, steady), arc_models(drive, steady)
 

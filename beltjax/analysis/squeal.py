@@ -10,9 +10,10 @@ from jaxtyping import Array, Float
 from beltjax.analysis.damping import Damping
 from beltjax.analysis.orders import Orders
 from beltjax.analysis.sensitivity import Gradient
-from beltjax.analysis.slip_margin import Shaken, SlipMargin, margins_of, shaken_by
-from beltjax.analysis.slip_stability import SlipStability, asked_of_slip, stability_of
-from beltjax.compiling.quick import quickly_compiled
+from beltjax.analysis.slip_margin import Shaken, SlipMargin, margins_about, shaken_by
+from beltjax.analysis.slip_stability import SlipStability, asked_of_slip, stability_about
+from beltjax.analysis.steady import steady_state
+from beltjax.compiling.kept_programs import run_kept
 from beltjax.drive.canonical import restored
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
@@ -56,7 +57,8 @@ def squeal(
 
     Raises `ValueError` where a belt has no longitudinal damping.
     """
-    return quickly_compiled(_squeal)(*asked_of_slip(drive, point, None, None), asked, sliding_speed)
+    given = asked_of_slip(drive, point, None, None)
+    return run_kept(_squeal, *given, asked, sliding_speed)
 
 
 def _squeal(
@@ -66,8 +68,10 @@ def _squeal(
     asked: SquealAsked,
     sliding_speed: Float[Array, ""] | None,
 ) -> Squeal:
-    margins = margins_of(drive, point, asked.shaken, asked.damping, BASIS)
-    return Squeal(stability_of(drive, point, places, sliding_speed), margins)
+    steady = steady_state(drive, point, throw=False)
+    stability = stability_about(drive, point, steady, places, sliding_speed)
+    margins = margins_about(drive, point, steady, asked.shaken, asked.damping, BASIS)
+    return Squeal(stability, margins)
 
 
 def squeal_slopes(
@@ -78,7 +82,7 @@ def squeal_slopes(
     Those of a pulley without a law of friction, and of what failed, are zero.
     """
     given = asked_of_slip(drive, point, None, None)
-    stacked = quickly_compiled(_slopes)(*given, asked)
+    stacked = run_kept(_slopes, *given, asked)
     names = [(measure, name) for measure in MEASURES for name in drive.pulley_names]
     if asked.shaken is None:
         names = [name for name in names if name[0] != MEASURES[-1]]
