@@ -90,6 +90,6 @@ starts = 1
 """
     (tmp_path / "study.toml").write_text(study)
     design = bj.optimize.minimize(bj.optimize.load_study(tmp_path / "study.toml"))
-    found = bj.slip_stability(design.drive, design.point, "accessory")
+    found = bj.slip_stability(design.drive, point, "accessory")
     assert float(found.onset_speed) <= 0.8 + 1e-6
     assert jnp.isfinite(found.fold_speed)
