@@ -84,6 +84,7 @@ if TYPE_CHECKING:
         no_negative_slope: "RESULTS"
         no_stick_slip: "RESULTS"
         onset_beyond_stick: "RESULTS"
+        slides_back: "RESULTS"
         frequencies_not_isolated: "RESULTS"
         belt_too_stiff: "RESULTS"
         contact_pressure_lost: "RESULTS"
@@ -279,6 +280,11 @@ else:
         onset_beyond_stick = (
             "The damping is above critical_damping, so that steady sliding is stable at any speed, "
             "though friction falls. Nothing needs to be done."
+        )
+        slides_back = (
+            "The mass meets the belt with its spring pulled farther than friction holds, and "
+            "slides on against it: an oscillation that is not followed here. So it is on a fast "
+            "belt with little damping; add damping, or lower the belt's speed."
         )
         frequencies_not_isolated = (
             "The exact frequencies could not be told apart. Use a finer basis for the first "

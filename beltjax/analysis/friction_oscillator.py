@@ -67,7 +67,7 @@ class OscillatorNumbers(NamedTuple):
     cycle: FrictionCycle
     error: Float[Array, ""]
     slips: Bool[Array, ""]
-    fold_found: Bool[Array, ""]
+    passes: Bool[Array, ""]
 
 
 def friction_oscillator(
@@ -89,7 +89,8 @@ def friction_oscillator(
     determines it, and nothing is regularized or iterated over periods.
 
     The result is `successful` where there is an oscillation that lasts. Otherwise it says why there
-    is none, which raises nothing: `no_negative_slope`, `onset_beyond_stick` or `no_stick_slip`.
+    is none, which raises nothing: `no_negative_slope`, `onset_beyond_stick` or `no_stick_slip`; or
+    `slides_back`, where there is one that this function does not follow.
     `numbers_unusable` is a failure; its numbers are 0, without derivatives.
 
     Args:
@@ -139,6 +140,7 @@ def _friction_oscillator(model: FrictionModel, V: Float[Array, ""]) -> FrictionO
     silent = ~(found.cycle.sticks | found.slips)
     result = first_failure(
         (~good, RESULTS.numbers_unusable),
+        (found.passes, RESULTS.slides_back),
         (silent & ~drops(model.curve), RESULTS.no_negative_slope),
         (silent & beyond_stick(model, found.onset_speed), RESULTS.onset_beyond_stick),
         (silent, RESULTS.no_stick_slip),
@@ -207,11 +209,11 @@ def oscillating(model: FrictionModel, V: Float[Array, ""]) -> OscillatorNumbers:
     )
     return OscillatorNumbers(
         onset_speed=limit.speed,
-        fold_speed=edge.speed,
+        fold_speed=edge,
         critical_damping=limit.critical_damping,
         criticality=jnp.where(bounded, criticality(model, at), 0.0),
         cycle=found,
         error=around.error,
         slips=around.slips,
-        fold_found=edge.found,
+        passes=around.passes,
     )

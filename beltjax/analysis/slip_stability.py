@@ -419,7 +419,7 @@ def _on_one(
     found = SlipStability(
         sliding_speed=at,
         onset_speed=limit.speed,
-        fold_speed=fold(model).speed,
+        fold_speed=fold(model),
         squeal_frequency=jnp.sqrt(stiffness / model.mass),
         growth=-(model.damping + model.slope(at)) / (2 * model.mass),
         critical_damping=needed,

@@ -33,7 +33,8 @@ _UNIFORM = np.linspace(0.0, 1.0, _STEPS + 1)
 # Friction changes fastest where the mass leaves the belt and where it meets it again.
 _GRADED = _UNIFORM**2 * (3 - 2 * _UNIFORM)
 _RETURN = 1.75  # periods of the free vibration after which a path that has not returned will not
-_SPEEDS = 40  # of the belt, at which the search for the fold begins
+_SPEEDS = 32  # of the belt, among which the fold is looked for
+_LEVELS = 6  # of them, each between two of the level before
 _LOWEST = 1 / 200  # of the highest of these
 _MARGIN = 1.3  # of the highest beyond the estimate (F11)
 _TOLERANCE = 1e-12
@@ -375,35 +376,43 @@ def _model(numbers: tuple[Scalar, ...]) -> FrictionModel:
     return FrictionModel(*numbers[:own], curve=FrictionCurve(*numbers[own:]))
 
 
-class Fold(NamedTuple):
-    """The belt speed above which nothing sticks (F9)."""
+def fold(model: FrictionModel) -> Scalar:
+    """The belt speed above which nothing sticks (F9); 0: nothing ever does, infinite: at none.
 
-    speed: Scalar  # 0: nothing ever does; infinite: something does at every speed
-    found: Bool[Array, ""]
-
-
-def fold(model: FrictionModel) -> Fold:
-    """The belt speed at which a slip from release comes back to the belt without meeting it."""
-    speed, found = _fold(*_numbers(model))
-    return Fold(speed, found > 0)
+    A slip from release then comes back to the belt without meeting it.
+    """
+    return _fold(*_numbers(model))[0]
 
 
 @with_own_slopes
-def _fold(*numbers: Scalar) -> Float[Array, "2"]:
+def _fold(*numbers: Scalar) -> Float[Array, "1"]:
     model = _model(numbers)
     m = jax.lax.stop_gradient(model)
     estimate = _MARGIN * _fold_estimate(m)
     bounded = jnp.isfinite(estimate) & (estimate > 0)
     highest = jnp.where(bounded, estimate, 1.0)
-    speeds = highest * jnp.geomspace(_LOWEST, 1.0, _SPEEDS)
-    returned = jax.vmap(lambda V: _returned(reduced(m, V)))(speeds)
-    sticks = returned.found & (returned.least <= 0)
-    last = _SPEEDS - 1 - jnp.argmax(sticks[::-1])
-    any_sticks = bounded & jnp.any(sticks)
-    inside = any_sticks & (last < _SPEEDS - 1)
-    beyond = jnp.minimum(last + 1, _SPEEDS - 1)
-    unit = speeds[beyond]
-    time = jnp.where(returned.found[beyond], returned.at_least[beyond], 2 * jnp.pi)
+    fractions = jnp.linspace(0.0, 1.0, _SPEEDS)
+
+    def narrowed(_: Array, state: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
+        """The last pair of neighboring speeds at the lower of which it sticks."""
+        low, high, *_ = state
+        speeds = low * (high / low) ** fractions
+        returned = jax.vmap(lambda V: _returned(reduced(m, V)))(speeds)
+        sticks = returned.found & (returned.least <= 0)
+        last = _SPEEDS - 1 - jnp.argmax(sticks[::-1])
+        beyond = jnp.minimum(last + 1, _SPEEDS - 1)
+        time = jnp.where(returned.found[beyond], returned.at_least[beyond], 2 * jnp.pi)
+        inside = jnp.any(sticks) & ~sticks[-1]
+        return speeds[last], speeds[beyond], time, jnp.any(sticks), inside
+
+    whole = highest * _LOWEST, highest, 0.0 * highest + 2 * jnp.pi
+    start = in_lanes_of(highest, (*whole, jnp.array(False), jnp.array(False)))
+    first = narrowed(jnp.array(0), start)
+    # Close to the fold of a steep law the least speed changes within a small part of V.
+    *_, any_sticks, inside = first
+    state = jax.lax.fori_loop(1, _LEVELS, narrowed, first)
+    any_sticks, inside = bounded & any_sticks, bounded & any_sticks & inside
+    unit, time = state[1], state[2]
 
     def unmet(unknown: Float[Array, "2"], model: FrictionModel) -> Float[Array, "2"]:
         of = reduced(model, unknown[0] * unit)
@@ -411,14 +420,16 @@ def _fold(*numbers: Scalar) -> Float[Array, "2"]:
         return jnp.stack([v, of.rates(x, v)[1]])
 
     guess = jnp.stack([jnp.ones_like(time), time])
-    found = system_root(
-        lambda x: unmet(x, m), guess, jnp.array([0.1, 0.3]), tol=1e-11, wanted=inside
-    )
-    good = inside & found.converged
+    largest = jnp.array([1e-3, 0.1])
+    found = system_root(lambda x: unmet(x, m), guess, largest, tol=1e-11, wanted=inside)
+    # Where friction falls steeply a slip near the fold follows for long what repels it, and all of
+    # its least speeds lie within a tiny part of V: there Newton's method does not see the root,
+    # and the bracket is as good. The slopes hold at any of these speeds.
+    near = jnp.abs(found.root[0] - 1) < 1e-4
+    good = inside & found.converged & near
     root = implicit_root(unmet, model, jnp.where(good, found.root, guess))
     alone = jnp.where(any_sticks | (estimate > 0) & ~bounded, jnp.inf, 0.0)
-    speed = jnp.where(good, root[0] * unit, jnp.where(inside, 0.0, alone))
-    return jnp.stack([speed, (good | ~inside).astype(float)])
+    return jnp.where(inside, root[0] * unit, alone)[None]
 
 
 def _fold_estimate(m: FrictionModel) -> Scalar:
@@ -448,6 +459,7 @@ class Cycle(NamedTuple):
     """The oscillation of the mass, in the model's units."""
 
     sticks: Bool[Array, ""]
+    passes: Bool[Array, ""]  # it meets the belt, and static friction does not hold it
     slips: Bool[Array, ""]  # it is a cycle that never sticks
     period: Scalar
     stick_time: Scalar
@@ -461,8 +473,8 @@ class Cycle(NamedTuple):
 
 def cycle(model: FrictionModel, V: Scalar) -> Cycle:
     """Stick-slip, or below the onset a cycle that slips all the time (F8), (F10)."""
-    sticks, slips, *numbers = _cycle(V, *_numbers(model))
-    return Cycle(sticks > 0, slips > 0, *numbers)
+    sticks, passes, slips, *numbers = _cycle(V, *_numbers(model))
+    return Cycle(sticks > 0, passes > 0, slips > 0, *numbers)
 
 
 @with_own_slopes
@@ -508,4 +520,5 @@ def _cycle(V: Scalar, *numbers: Scalar) -> Float[Array, " numbers"]:
         path.error,
     ]
     shown = [jnp.where(kept, number, 0.0) for number in found]
-    return jnp.stack([sticks.astype(float), slips.astype(float), *shown])
+    flags = [flag.astype(float) for flag in (sticks, meets & ~sticks, slips)]
+    return jnp.stack([*flags, *shown])

@@ -294,6 +294,7 @@ def test_a_bad_lane_leaves_its_neighbors_alone(lanes):
         (bj.StribeckFriction(0.3, 0.3, 0.1, 0.2), 0.1, 0.1, "no_negative_slope", 0.0),
         (bj.CoulombFriction(0.4, 0.25), 0.1, 0.3, "no_stick_slip", 0.0),
         (STRIBECK, 0.0, 0.1, "successful", np.inf),
+        (bj.StribeckFriction(0.483, 0.081, 0.1453), 7e-4, 1.27, "slides_back", 1.2034),
     ],
 )
 def test_why_there_is_no_oscillation(law, damping, V, result, onset):
@@ -301,6 +302,38 @@ def test_why_there_is_no_oscillation(law, damping, V, result, onset):
     assert found.result == getattr(bj.RESULTS, result)
     assert float(found.onset_speed) == pytest.approx(onset, abs=1e-4)
     assert (float(found.cycle.period) > 0) == (result == "successful")
+
+
+@pytest.mark.parametrize(
+    ("numbers", "law"),
+    [
+        ((0.128, 0.146, 0.169, 0.12), bj.StribeckFriction(0.807, 0.357, 0.0281)),
+        ((5.75, 0.5, 0.24, 5.87), bj.StribeckFriction(0.696, 0.276, 0.029)),
+        ((0.125, 0.283, 0.137, 3.84), bj.StribeckFriction(0.86, 0.114, 0.457)),
+    ],
+)
+def test_fold_of_friction_that_falls_steeply(numbers, law):
+    """A slip near the fold follows for long what repels it, and the fold is very sharp."""
+    m, c, k, load = numbers
+    found = float(bj.friction_oscillator(*numbers, law, 0.1).fold_speed)
+    for factor, meets in ((0.999, True), (1.001, False)):
+        V = factor * found
+        release = (load * float(law.static) - c * V) / k
+
+        def rates(t, y, V=V):
+            pull = load * (
+                float(law.kinetic)
+                + float(law.static - law.kinetic) * np.exp(-max(y[1], 0.0) / float(law.speed))
+            )
+            return [V - y[1], -(pull - c * (V - y[1]) - k * y[0]) / m]
+
+        def met(t, y):
+            return y[1] + 1e-9 if t > 1e-3 else 1.0
+
+        met.terminal = True
+        end = 12 * np.sqrt(m / k)
+        run = solve_ivp(rates, (0, end), [release, 0.0], "DOP853", rtol=1e-10, events=met)
+        assert (run.status == 1) == meets, factor
 
 
 def test_critical_damping_is_where_the_onset_vanishes():
