@@ -32,6 +32,7 @@ _STEPS = 256
 _UNIFORM = np.linspace(0.0, 1.0, _STEPS + 1)
 # Friction changes fastest where the mass leaves the belt and where it meets it again.
 _GRADED = _UNIFORM**2 * (3 - 2 * _UNIFORM)
+_RELEASING = _UNIFORM**2
 _RETURN = 1.75  # periods of the free vibration after which a path that has not returned will not
 _SPEEDS = 32  # of the belt, among which the fold is looked for
 _LEVELS = 6  # of them, each between two of the level before
@@ -179,15 +180,16 @@ class _Returned(NamedTuple):
 def _returned(of: Reduced) -> _Returned:
     """Follow a path from release to its first minimum of the sliding speed."""
     period = 2 * jnp.pi / jnp.sqrt(1 - of.n1 * of.sliding())
-    span = _RETURN * period
-    xs, vs = _path(of, of.release(), jnp.zeros_like(span), span, _UNIFORM)
-    dt = span / _STEPS
+    span = _RETURN * period * (1 + 2 * of.zeta**2)  # damped, it returns late
+    xs, vs = _path(of, of.release(), jnp.zeros_like(span), span, _RELEASING)
+    times, lengths = span * jnp.asarray(_RELEASING), span * jnp.asarray(np.diff(_RELEASING))
     turns = of.rates(xs, vs)[1]
     # At release both are 0, and rounding decides: the first steps are no return.
     armed = jnp.arange(_STEPS) > 1
     lows = (turns[:-1] < 0) & (turns[1:] >= 0) & armed
     low = jnp.argmax(lows)
     # The cubic through speeds and their derivatives; its minimum, by Newton's method.
+    dt = lengths[low]
     left, right = (vs[low], turns[low] * dt), (vs[low + 1], turns[low + 1] * dt)
 
     def cubic(s: Scalar) -> Scalar:
@@ -205,14 +207,13 @@ def _returned(of: Reduced) -> _Returned:
     below = (vs[1:] <= 0) & armed
     first = jnp.argmax(below)
     fall = vs[first] - vs[first + 1]
-    between = first + vs[first] / jnp.where(fall > 0, fall, 1.0)
+    between = times[first] + lengths[first] * vs[first] / jnp.where(fall > 0, fall, 1.0)
     ahead = jnp.sqrt(jnp.maximum(-2 * least / jnp.maximum(bend(place), 1e-300), 0.0))
     met = jnp.any(below) & (first < jnp.where(jnp.any(lows), low, _STEPS))
-    meets = jnp.where(met, between, low + place - ahead) * dt
+    at_least = times[low] + dt * place
+    meets = jnp.where(met, between, at_least - dt * ahead)
     found = jnp.any(lows) | met
-    return _Returned(
-        found, jnp.where(met, jnp.minimum(least, -0.0), least), (low + place) * dt, meets
-    )
+    return _Returned(found, jnp.where(met, jnp.minimum(least, -0.0), least), at_least, meets)
 
 
 class SlipPath(NamedTuple):
@@ -425,7 +426,7 @@ def _fold(*numbers: Scalar) -> Float[Array, "1"]:
     # Where friction falls steeply a slip near the fold follows for long what repels it, and all of
     # its least speeds lie within a tiny part of V: there Newton's method does not see the root,
     # and the bracket is as good. The slopes hold at any of these speeds.
-    near = jnp.abs(found.root[0] - 1) < 1e-4
+    near = jnp.abs(found.root[0] - 1) < 1e-2
     good = inside & found.converged & near
     root = implicit_root(unmet, model, jnp.where(good, found.root, guess))
     alone = jnp.where(any_sticks | (estimate > 0) & ~bounded, jnp.inf, 0.0)

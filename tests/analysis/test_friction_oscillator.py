@@ -361,3 +361,46 @@ def test_it_prints_as_a_table():
     text = repr(bj.friction_oscillator(*UNIT, STRIBECK, 0.1))
     assert "onset_speed" in text
     assert "m/s" in text
+
+
+@pytest.mark.slow
+def test_random_laws_by_a_second_route():
+    """Whether a slip meets the belt, how long it takes, and where the fold is."""
+    rng = np.random.default_rng(5)
+    low = [-1, -2.5, -1, -1, np.log10(0.2), -1, -2.0, -2.5]
+    high = [1, 0.3, 1, 1, np.log10(0.9), np.log10(0.95), 0, 0.3]
+    numbers = 10 ** rng.uniform(low, high, (40, 8))
+
+    def found(x):
+        m, c, k, load, static, share, speed, V = x
+        law = bj.StribeckFriction(static, share * static, speed)
+        return bj.friction_oscillator(m, c, k, load, law, V, throw=False)
+
+    known = quickly_compiled(jax.vmap(found))(jnp.asarray(numbers))
+    passes = np.asarray(known.result == bj.RESULTS.slides_back)
+
+    def slip(i, V):
+        m, c, k, load, static, share, speed, _ = numbers[i]
+        kinetic = share * static
+
+        def rates(t, y):
+            mu = kinetic + (static - kinetic) * np.exp(-max(y[1], 0.0) / speed)
+            return [V - y[1], -(load * mu - c * (V - y[1]) - k * y[0]) / m]
+
+        def met(t, y):
+            return y[1] if t > 1e-4 * np.sqrt(m / k) else 1.0
+
+        met.terminal, met.direction = True, -1
+        start = [(load * static - c * V) / k, 0.0]
+        end = 120 * np.sqrt(m / k)
+        return solve_ivp(rates, (0, end), start, "DOP853", rtol=1e-11, atol=1e-13 * V, events=met)
+
+    for i, fold in enumerate(np.asarray(known.fold_speed)):
+        run = slip(i, numbers[i, 7])
+        meets = bool(known.cycle.sticks[i]) or bool(passes[i])
+        assert (run.status == 1) == meets, numbers[i]
+        if bool(known.cycle.sticks[i]):
+            assert float(known.cycle.slip_time[i]) == pytest.approx(run.t[-1], rel=1e-6)
+        if 0 < fold < np.inf:
+            assert slip(i, 0.99 * fold).status == 1, numbers[i]
+            assert slip(i, 1.0001 * fold).status == 0, numbers[i]
