@@ -85,6 +85,7 @@ if TYPE_CHECKING:
         no_stick_slip: "RESULTS"
         onset_beyond_stick: "RESULTS"
         slides_back: "RESULTS"
+        strongly_damped: "RESULTS"
         frequencies_not_isolated: "RESULTS"
         belt_too_stiff: "RESULTS"
         contact_pressure_lost: "RESULTS"
@@ -285,6 +286,10 @@ else:
             "The mass meets the belt with its spring pulled farther than friction holds, and "
             "slides on against it: an oscillation that is not followed here. So it is on a fast "
             "belt with little damping; add damping, or lower the belt's speed."
+        )
+        strongly_damped = (
+            "The damping is above 2.5 times the critical one of an oscillation, where slips creep "
+            "back, and some are missed: the fold and the cycle are not sure. The onset is."
         )
         frequencies_not_isolated = (
             "The exact frequencies could not be told apart. Use a finer basis for the first "

@@ -27,6 +27,8 @@ from beltjax.results import (
     raise_unless_successful,
 )
 
+_STRONGEST = 2.5  # damping ratio up to which slips were compared with an adaptive integration
+
 
 class FrictionCycle(Readable):
     """A self-excited oscillation; all numbers are 0 where there is none."""
@@ -55,6 +57,7 @@ class FrictionOscillator(Readable):
     cycle: FrictionCycle
     error: Float[Array, ""]  # of the cycle, relative to its amplitude
     result: RESULTS
+    warning: RESULTS  # `strongly_damped`: fold and cycle are not sure
 
 
 class OscillatorNumbers(NamedTuple):
@@ -91,7 +94,8 @@ def friction_oscillator(
     The result is `successful` where there is an oscillation that lasts. Otherwise it says why there
     is none, which raises nothing: `no_negative_slope`, `onset_beyond_stick` or `no_stick_slip`; or
     `slides_back`, where there is one that this function does not follow.
-    `numbers_unusable` is a failure; its numbers are 0, without derivatives.
+    `numbers_unusable` is a failure; its numbers are 0, without derivatives. The warning
+    `strongly_damped` says that fold and cycle are not sure.
 
     Args:
         mass: m > 0 [kg].
@@ -137,6 +141,7 @@ def _friction_oscillator(model: FrictionModel, V: Float[Array, ""]) -> FrictionO
     stiffness = model.effective_stiffness(V)
     half = (model.damping + model.slope(V)) / (2 * model.mass)
     root = jnp.sqrt(half**2 - stiffness / model.mass + 0j)
+    ratio = model.damping / (2 * jnp.sqrt(model.stiffness * model.mass))
     silent = ~(found.cycle.sticks | found.slips)
     result = first_failure(
         (~good, RESULTS.numbers_unusable),
@@ -155,9 +160,13 @@ def _friction_oscillator(model: FrictionModel, V: Float[Array, ""]) -> FrictionO
         cycle=found.cycle,
         error=found.error,
         result=result,
+        warning=first_failure(
+            (good & (ratio > _STRONGEST), RESULTS.strongly_damped),
+        ),
     )
     kept = jax.tree.map(lambda x: jnp.where(good, x, jnp.zeros_like(x)), answer)
-    kept = eqx.tree_at(lambda a: a.result, kept, result)
+    told = result, answer.warning
+    kept = eqx.tree_at(lambda a: (a.result, a.warning), kept, told)
     return frozen_where_failed(kept, _failure(result))
 
 

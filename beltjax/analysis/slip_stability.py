@@ -117,7 +117,8 @@ def slip_stability(
     those of the running drive; docs/theory/friction_vibration.md, (F13) to (F18).
 
     The result is that of the steady state, or `numbers_unusable`; or it says why there is no
-    squeal, which raises nothing: `no_negative_slope` or `onset_beyond_stick`. With `throw=False`
+    squeal, which raises nothing: `no_negative_slope` or `onset_beyond_stick`. The fold is not sure
+    above a damping ratio of 2.5. With `throw=False`
     read `.result`: the numbers of a failure are 0, without derivatives. Whether the pulley slides
     at all is another question: `slip_margin`.
 

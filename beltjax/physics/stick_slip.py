@@ -180,7 +180,7 @@ class _Returned(NamedTuple):
 def _returned(of: Reduced) -> _Returned:
     """Follow a path from release to its first minimum of the sliding speed."""
     period = 2 * jnp.pi / jnp.sqrt(1 - of.n1 * of.sliding())
-    span = _RETURN * period * (1 + 2 * of.zeta**2)  # damped, it returns late
+    span = _RETURN * period * (1 + 1.5 * of.zeta)  # damped, it returns late
     xs, vs = _path(of, of.release(), jnp.zeros_like(span), span, _RELEASING)
     times, lengths = span * jnp.asarray(_RELEASING), span * jnp.asarray(np.diff(_RELEASING))
     turns = of.rates(xs, vs)[1]

@@ -346,6 +346,13 @@ def test_critical_damping_is_where_the_onset_vanishes():
     )
 
 
+def test_strong_damping_is_warned_of():
+    law = bj.StribeckFriction(0.4, 0.25, 0.01)
+    for damping, warned in ((4.9, False), (5.1, True)):
+        found = bj.friction_oscillator(1.0, damping, 1.0, 1.0, law, 0.01)
+        assert bool(found.warning == bj.RESULTS.strongly_damped) == warned
+
+
 def test_unusable_numbers_raise():
     with pytest.raises(bj.AnalysisError, match="not positive"):
         bj.friction_oscillator(1.0, 0.1, -1.0, 1.0, STRIBECK, 0.1)
@@ -370,6 +377,8 @@ def test_random_laws_by_a_second_route():
     low = [-1, -2.5, -1, -1, np.log10(0.2), -1, -2.0, -2.5]
     high = [1, 0.3, 1, 1, np.log10(0.9), np.log10(0.95), 0, 0.3]
     numbers = 10 ** rng.uniform(low, high, (40, 8))
+    ratios = numbers[:, 1] / (2 * np.sqrt(numbers[:, 0] * numbers[:, 2]))
+    numbers = numbers[ratios < 2.5]
 
     def found(x):
         m, c, k, load, static, share, speed, V = x
