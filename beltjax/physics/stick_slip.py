@@ -396,7 +396,7 @@ def _fold(*numbers: Scalar) -> Float[Array, "1"]:
 
     def narrowed(_: Array, state: tuple[Scalar, ...]) -> tuple[Scalar, ...]:
         """The last pair of neighboring speeds at the lower of which it sticks."""
-        low, high, *_ = state
+        low, high = state[0], state[1]
         speeds = low * (high / low) ** fractions
         returned = jax.vmap(lambda V: _returned(reduced(m, V)))(speeds)
         sticks = returned.found & (returned.least <= 0)
@@ -410,7 +410,7 @@ def _fold(*numbers: Scalar) -> Float[Array, "1"]:
     start = in_lanes_of(highest, (*whole, jnp.array(False), jnp.array(False)))
     first = narrowed(jnp.array(0), start)
     # Close to the fold of a steep law the least speed changes within a small part of V.
-    *_, any_sticks, inside = first
+    any_sticks, inside = first[3], first[4]
     state = jax.lax.fori_loop(1, _LEVELS, narrowed, first)
     any_sticks, inside = bounded & any_sticks, bounded & any_sticks & inside
     unit, time = state[1], state[2]
