@@ -7,11 +7,11 @@ from typing import Any, TypeVar
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.custom_derivatives import SymbolicZero
+from jax.custom_derivatives import SymbolicZero, zero_from_primal
 from jaxtyping import Array, Bool, Float
 
 Scalar = Float[Array, ""]
-Numbers = TypeVar("Numbers")
+Numbers, Found = TypeVar("Numbers"), TypeVar("Found")
 
 
 def frozen_unless(good: Bool[Array, ""], numbers: Numbers) -> Numbers:
@@ -27,6 +27,22 @@ def frozen_unless(good: Bool[Array, ""], numbers: Numbers) -> Numbers:
         return jnp.where(good, leaf, jax.lax.stop_gradient(leaf))
 
     return jax.tree.map(freeze, numbers)
+
+
+def without_slopes(function: Callable[[Numbers], Found]) -> Callable[[Numbers], Found]:
+    """`function`, whose results count as constants.
+
+    Of a search whose answer gets its derivatives elsewhere. To stop what goes in would not do: in
+    a batch that runs in turn JAX makes zeros of absent tangents, and takes them through each step.
+    """
+    held = jax.custom_jvp(function)
+
+    @held.defjvp
+    def rule(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
+        found = held(*primals)
+        return found, jax.tree.map(zero_from_primal, found)
+
+    return held
 
 
 def with_own_slopes(function: Callable[..., Float[Array, " m"]]) -> Callable[..., Array]:

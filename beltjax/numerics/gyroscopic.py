@@ -218,26 +218,37 @@ def _eigenvectors_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tu
 
 def modal_damping(M: Matrix, K: Matrix, ratio: Float[Array, ""]) -> Matrix:
     """Damping matrix that gives every mode of M and K (without G) the same damping ratio."""
-    L = jnp.linalg.cholesky(M)
-    A = _solved(L, _solved(L, K).T).T
-    return 2 * ratio * L @ symmetric_root((A + A.T) / 2) @ L.T
+    return 2 * ratio * geometric_mean(M, K)
 
 
 @jax.custom_jvp
-def symmetric_root(A: Matrix) -> Matrix:
-    """Square root of a symmetric matrix; negative eigenvalues count as zero.
+def geometric_mean(M: Matrix, K: Matrix) -> Matrix:
+    """The symmetric R with R M^-1 R = K; negative eigenvalues of K count as zero.
 
-    Its derivative divides by sums of roots, never by gaps between eigenvalues.
+    Its derivative divides by sums of frequencies, never by gaps between them, and takes products
+    alone: matrix routines on tangents would run at the same time, and in a batch wait for each
+    other (see `hermitian_modes`).
     """
-    values, vectors = jnp.linalg.eigh(A)
-    return (vectors * jnp.sqrt(jnp.maximum(values, 0.0))) @ vectors.T
+    return _mean_by_modes(M, K)[0]
 
 
-@symmetric_root.defjvp
-def _symmetric_root_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
-    (A,), (dA,) = primals, tangents
-    values, vectors = jnp.linalg.eigh(A)
+def _mean_by_modes(M: Matrix, K: Matrix) -> tuple[Matrix, Array, Matrix, Matrix]:
+    """The mean, the natural frequencies, the modes V with V.T M V = 1 in columns, and M V."""
+    L = jnp.linalg.cholesky(M)
+    A = _solved(L, _solved(L, K).T).T
+    values, vectors = jnp.linalg.eigh((A + A.T) / 2)
     roots = jnp.sqrt(jnp.maximum(values, 0.0))
+    modes = jax.scipy.linalg.solve_triangular(L, vectors, trans="T", lower=True)
+    momenta = L @ vectors
+    return (momenta * roots) @ momenta.T, roots, modes, momenta
+
+
+@geometric_mean.defjvp
+def _geometric_mean_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
+    mean, roots, modes, momenta = _mean_by_modes(*primals)
+    dM, dK = tangents
     sums = roots[:, None] + roots[None, :]
-    inner = vectors.T @ dA @ vectors / jnp.where(sums > 0, sums, jnp.inf)
-    return (vectors * roots) @ vectors.T, vectors @ inner @ vectors.T
+    moved = modes.T @ dK @ modes + roots[:, None] * (modes.T @ dM @ modes) * roots
+    inner = moved / jnp.where(sums > 0, sums, jnp.inf)
+    # What waits for the mean waits for all routines.
+    return ready_after(mean, modes), momenta @ inner @ momenta.T

@@ -127,7 +127,8 @@ def preconditioner(
     pencils = (system.stiffness + K) - w**2 * system.mass + 1j * w * (system.damping + C)
     if system.neutral is not None:
         pencils = pencils.at[0, system.neutral.coordinate].add(system.neutral.row)
-    inverses = jnp.linalg.inv(pencils)
+    # One after the other, as in elimination.py.
+    inverses = jax.lax.map(jnp.linalg.inv, pencils)
 
     def apply(right: Coefficients) -> Coefficients:
         waves = jnp.concatenate([right[:1] + 0j, right[1::2] - 1j * right[2::2]])

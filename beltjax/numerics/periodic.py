@@ -9,10 +9,12 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.custom_batching import sequential_vmap
 from jaxtyping import Array, Bool, Complex, Float, Int
 
 from beltjax.compiling.batched_loops import in_lanes_of
-from beltjax.numerics.derivative_rules import without_derivative
+from beltjax.numerics.derivative_rules import without_derivative, without_slopes
+from beltjax.numerics.elimination import eliminated
 from beltjax.numerics.harmonic_balance import (
     Coefficients,
     Matrix,
@@ -38,21 +40,6 @@ class Orbit(NamedTuple):
 
 
 Solver = Callable[[Array], Array]
-
-
-class _Eliminated(NamedTuple):
-    """A matrix taken apart, for many solutions."""
-
-    lu: Float[Array, "n n"]
-    pivots: Int[Array, " n"]
-
-    def solve(self, right: Float[Array, " n"], transposed: bool = False) -> Float[Array, " n"]:
-        """The solution for one right side."""
-        return jax.scipy.linalg.lu_solve(self, right, trans=1 if transposed else 0)
-
-
-def _factored(matrix: Float[Array, "n n"]) -> _Eliminated:
-    return _Eliminated(*jax.scipy.linalg.lu_factor(matrix))
 
 
 class _Newton(NamedTuple):
@@ -135,7 +122,7 @@ def _newton(
 
 def _by_elimination(system: Oscillator, X: Coefficients, samples: int) -> Solver:
     """What solves with the Jacobian at X, flat: by its matrix."""
-    return _factored(jacobian(system, X, samples)).solve
+    return eliminated(jacobian(system, X, samples)).solve
 
 
 _KRYLOV, _CYCLES = 60, 2  # directions of GMRES, and how often it begins anew
@@ -305,27 +292,20 @@ _ROUNDING = 1e-12  # of the load on which a walk ends
 _STRAIGHT = 0.85  # least cosine between directions that follow each other
 
 
-def periodic_orbit(
+def _searched(
     system: Callable[[Any, Scalar], Oscillator],
     args: Any,
     harmonics: int,
     samples: int,
-    *,
-    past_folds: bool = False,
-    tol: float = 1e-9,
-    max_steps: int = 12,
-) -> Orbit:
-    """The periodic orbit of `system(args, load)` at load 1 that grows from rest at load 0.
-
-    Its derivatives are those of the converged equations by `args`. A failed search gives zeros.
-    With `past_folds` the branch from rest is followed also where the load turns back on it, at the
-    cost of more to compile.
-    """
-    fixed = jax.lax.stop_gradient(args)
-    still = jnp.zeros((2 * harmonics + 1, len(system(fixed, jnp.ones(())).mass)))
+    past_folds: bool,
+    tol: float,
+    max_steps: int,
+) -> tuple[Coefficients, _Newton]:
+    """The orbit of `periodic_orbit` without derivatives, 0 where the search failed."""
+    still = jnp.zeros((2 * harmonics + 1, len(system(args, jnp.ones(())).mass)))
 
     def at_load(load: Scalar) -> Oscillator:
-        return system(fixed, load)
+        return system(args, load)
 
     none = jnp.zeros(())
     if past_folds:
@@ -343,17 +323,44 @@ def periodic_orbit(
         end = jax.tree.map(lambda a, b: jnp.where(there, a, b), quick, end)
     # One more correction, so that differences of orbits are not those of the tolerance.
     make = _by_elimination if past_folds else _by_krylov
-    last = system(fixed, jnp.ones(()))
+    last = system(args, jnp.ones(()))
     left = make(last, found, samples)(residual(last, found, samples).ravel())
     better = end.converged & (jnp.linalg.norm(left) <= tol * jnp.linalg.norm(found))
     found = jnp.where(better, found - left.reshape(found.shape), found)
-    found = jax.lax.stop_gradient(jnp.where(end.converged, found, 0.0))
+    return jnp.where(end.converged, found, 0.0), end
+
+
+def periodic_orbit(
+    system: Callable[[Any, Scalar], Oscillator],
+    args: Any,
+    harmonics: int,
+    samples: int,
+    *,
+    past_folds: bool = False,
+    tol: float = 1e-9,
+    max_steps: int = 12,
+) -> Orbit:
+    """The periodic orbit of `system(args, load)` at load 1 that grows from rest at load 0.
+
+    Its derivatives are those of the converged equations by `args`. A failed search gives zeros.
+    With `past_folds` the branch from rest is followed also where the load turns back on it, at the
+    cost of more to compile.
+    """
+    fixed = jax.lax.stop_gradient(args)
+    # A batch goes one after the other: some searches take ten times as long as others, and together
+    # all would take as long as the longest.
+    search = without_slopes(
+        sequential_vmap(
+            lambda given: _searched(system, given, harmonics, samples, past_folds, tol, max_steps)
+        )
+    )
+    found, end = search(fixed)
 
     def keep(_: Any, start: Coefficients) -> Coefficients:
         return start
 
     def solve(_: Any, right: Coefficients) -> Coefficients:
-        factors = _factored(jacobian(system(fixed, jnp.ones(())), found, samples))
+        factors = eliminated(jacobian(system(fixed, jnp.ones(())), found, samples))
         return factors.solve(right.ravel()).reshape(right.shape)
 
     coefficients = jax.lax.custom_root(
@@ -364,7 +371,7 @@ def periodic_orbit(
 
 def known_orbit(system: Oscillator, X: Coefficients, samples: int) -> Orbit:
     """The evidence of an orbit that is found already; it has no derivatives."""
-    factors = _factored(jacobian(system, X, samples))
+    factors = eliminated(jacobian(system, X, samples))
     left = factors.solve(residual(system, X, samples).ravel())
     step = jnp.linalg.norm(left) / (jnp.linalg.norm(X) + _TINY)
     return Orbit(X, step, jnp.array(True), jnp.array(0))
@@ -379,7 +386,7 @@ def conditioning(
     """
     fixed, orbit = jax.lax.stop_gradient((args, X))
     at = system(fixed, jnp.ones(()))
-    factors = _factored(jacobian(at, orbit, samples))
+    factors = eliminated(jacobian(at, orbit, samples))
     squares = (np.arange(1, len(X) + 1) // 2)[:, None] ** 2 * at.frequency**2
     unit = jnp.sqrt(jnp.diag(at.stiffness) + squares * jnp.diag(at.mass)).ravel()
 

@@ -376,6 +376,27 @@ def test_a_bad_lane_disturbs_none():
     assert travels[2] == pytest.approx(float(alone.measures.travels[0]), rel=1e-9)
 
 
+@pytest.mark.slow
+def test_slopes_of_a_batch_with_layers_are_those_of_each():
+    """Slopes of such batches used to hang: solves at the same time waited for XLA's threads."""
+    drive, point = example("three_pulley")
+    speeds, springs = jnp.array([1500.0, 2000.0, 2400.0, 3000.0]), jnp.array([90.0, 120.0])
+
+    def at(spring, rpm):
+        changed = eqx.tree_at(lambda d: d.tensioner.stiffness, drive, spring)
+        found = bj.periodic_response(
+            changed, running(point, rpm), crank(0.05), damping=MODAL, functions=12, harmonics=4,
+            stability=False,
+        )  # fmt: skip
+        return found.measures.travels[0]
+
+    slope = jax.grad(at)
+    alone = quickly_compiled(slope)
+    batch = quickly_compiled(jax.vmap(jax.vmap(slope, (None, 0)), (0, None)))
+    expected = [[float(alone(spring, rpm)) for rpm in speeds] for spring in springs]
+    np.testing.assert_allclose(batch(springs, speeds), expected, rtol=1e-7)
+
+
 @pytest.mark.parametrize(
     ("orders", "options", "words"),
     [
