@@ -81,6 +81,11 @@ if TYPE_CHECKING:
         too_many_events: "RESULTS"
         grazing: "RESULTS"
         motion_has_modes: "RESULTS"
+        no_negative_slope: "RESULTS"
+        no_stick_slip: "RESULTS"
+        onset_beyond_stick: "RESULTS"
+        slides_back: "RESULTS"
+        strongly_damped: "RESULTS"
         frequencies_not_isolated: "RESULTS"
         belt_too_stiff: "RESULTS"
         contact_pressure_lost: "RESULTS"
@@ -263,6 +268,28 @@ else:
             "A tensioner's dry friction holds (friction_speed = 0), or a joint is a decoupler or a "
             "rigid clutch: their equations change at events, which harmonic balance does not know. "
             "Give method=Shooting(), or a friction_speed."
+        )
+        no_negative_slope = (
+            "Friction does not fall as the belt slides faster, so that steady sliding is stable at "
+            "any speed. Nothing needs to be done; a law that falls has a friction_static above "
+            "its friction."
+        )
+        no_stick_slip = (
+            "Nothing sticks at this speed, and no oscillation lasts. Nothing needs to be done; "
+            "`fold_speed` is the speed below which one would."
+        )
+        onset_beyond_stick = (
+            "The damping is above critical_damping, so that steady sliding is stable at any speed, "
+            "though friction falls. Nothing needs to be done."
+        )
+        slides_back = (
+            "The mass meets the belt with its spring pulled farther than friction holds, and "
+            "slides on against it: an oscillation that is not followed here. So it is on a fast "
+            "belt with little damping; add damping, or lower the belt's speed."
+        )
+        strongly_damped = (
+            "The damping is above 2.5 times the critical one of an oscillation, where slips creep "
+            "back, and some are missed: the fold and the cycle are not sure. The onset is."
         )
         frequencies_not_isolated = (
             "The exact frequencies could not be told apart. Use a finer basis for the first "

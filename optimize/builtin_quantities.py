@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from beltjax.analysis.entry_angles import entry_angles
 from beltjax.analysis.periodic import stability_margin as margin_of
 from beltjax.analysis.steady import of_single
 from beltjax.drive.buildable import clearances
@@ -90,7 +91,7 @@ def hub_load(analyses: DriveAnalyses, pulley: int) -> Scalar:
 @quantity("slip_margin", place="pulley", needs="pulley friction")
 def slip_margin(analyses: DriveAnalyses, pulley: int) -> Scalar:
     """Friction times wrap of one pulley, less the logarithm of the ratio of its tensions."""
-    friction = analyses.drive.pulleys[pulley].friction
+    friction = analyses.drive.pulleys[pulley].holding
     assert friction is not None  # because it is needed
     wrap = analyses.steady.reference.layout.wraps[pulley]
     return friction * wrap - analyses.steady.slip_exponents[pulley]
@@ -245,3 +246,30 @@ def friction_work(analyses: DriveAnalyses) -> Many:
 def stability_margin(analyses: DriveAnalyses) -> Scalar:
     """1 less the largest Floquet multiplier of periodic motion; negative where it is unstable."""
     return margin_of(analyses.periodic)
+
+
+@quantity("squeal_speed", unit="m/s", place="pulley", needs="falling friction")
+def squeal_speed(analyses: DriveAnalyses, pulley: int) -> Scalar:
+    """Sliding speed above which the belt does not squeal on one pulley; 0: at none."""
+    return analyses.squeal(pulley).onset_speed
+
+
+@quantity("critical_damping", unit="N s/m", place="pulley", needs="falling friction")
+def critical_damping(analyses: DriveAnalyses, pulley: int) -> Scalar:
+    """Damping of the belt from which on it does not squeal on one pulley at any sliding speed."""
+    return analyses.squeal(pulley).critical_damping
+
+
+@quantity("dynamic_slip_margin", place="pulley", needs="excited friction")
+def dynamic_slip_margin(analyses: DriveAnalyses, pulley: int) -> Scalar:
+    """Least over a period of friction times wrap, less the logarithm of the ratio of tensions."""
+    margin = analyses.margins.dynamic
+    assert margin is not None  # because an excitation is needed
+    return margin[pulley]
+
+
+@quantity("entry_angle", unit="rad", place="span", needs="offset")
+def entry_angle(analyses: DriveAnalyses, span: int) -> Scalar:
+    """Angle at which one span enters its pulleys, whose planes are apart."""
+    lengths = analyses.steady.reference.layout.span_lengths
+    return entry_angles(analyses.drive, lengths)[span]

@@ -12,6 +12,8 @@ from beltjax.analysis.motion import driver_speed
 from beltjax.analysis.orders import ORDER
 from beltjax.analysis.periodic import PeriodicResponse, periodic_response
 from beltjax.analysis.response import Excitation, Response, frequency_response
+from beltjax.analysis.slip_margin import SlipMargin, slip_margin
+from beltjax.analysis.slip_stability import SlipStability, failure_of, slip_stability
 from beltjax.analysis.steady import SteadyState
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
@@ -24,7 +26,7 @@ MODAL_DAMPING = 0.02  # of forced vibration, beside the arm's own
 HARMONICS, FUNCTIONS = 8, 12  # of periodic motion: about 0.1 % at moderate amplitudes
 
 # Properties with a result.
-_CONTACT, _VIBRATION = ("contact", "slipping"), ("modes", "response", "periodic")
+_CONTACT, _VIBRATION = ("contact", "slipping"), ("modes", "response", "periodic", "margins")
 
 
 class DriveAnalyses:
@@ -36,6 +38,7 @@ class DriveAnalyses:
 
     def __init__(self, drive: Drive, point: OperatingPoint, steady: SteadyState):
         self.drive, self.point, self.steady = drive, point, steady
+        self._squeal: dict[int, SlipStability] = {}
 
     @functools.cached_property
     def contact(self) -> ContactState:
@@ -87,6 +90,19 @@ class DriveAnalyses:
             throw=False,
         )
 
+    def squeal(self, pulley: int) -> SlipStability:
+        """The belt sliding on one pulley, at the onset of squeal."""
+        if pulley not in self._squeal:
+            name = self.drive.pulley_names[pulley]
+            self._squeal[pulley] = slip_stability(self.drive, self.point, name, throw=False)
+        return self._squeal[pulley]
+
+    @functools.cached_property
+    def margins(self) -> SlipMargin:
+        """What is left of friction under [excitation], by the linear response."""
+        damping = Damping(modal=MODAL_DAMPING)
+        return slip_margin(self.drive, self.point, damping=damping, basis=BASIS, throw=False)
+
     @property
     def driver_speed(self) -> Float[Array, ""]:
         """The driver's angular speed [rad/s]."""
@@ -98,7 +114,7 @@ class DriveAnalyses:
         for result in self._results(_CONTACT):
             slips = (result == RESULTS.gross_slip) | (result == RESULTS.wrap_vanished)
             good = good & (succeeded(result) | slips)
-        for result in self._results(_VIBRATION):
+        for result in (*self._results(_VIBRATION), *self._squeal_results()):
             good = good & succeeded(result)
         return good
 
@@ -106,9 +122,13 @@ class DriveAnalyses:
     def result(self) -> RESULTS:
         """The first failure among the analyses that have run; the steady state comes first."""
         result = self.steady.result
-        for own in self._results(_CONTACT + _VIBRATION):
+        for own in (*self._results(_CONTACT + _VIBRATION), *self._squeal_results()):
             result = RESULTS.where(succeeded(result), own, result)
         return result
+
+    def _squeal_results(self) -> list[RESULTS]:
+        """Failures alone: that nothing squeals is an answer."""
+        return [failure_of(found.result) for found in self._squeal.values()]
 
     def _results(self, analyses: tuple[str, ...]) -> list[RESULTS]:
         """The results of those analyses that have run: `vars` holds the cached properties."""

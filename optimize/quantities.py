@@ -26,7 +26,16 @@ from .drive_analyses import MODES, DriveAnalyses
 
 Place = Literal["", "pulley", "span", "mode", "order"]
 Need = Literal[
-    "", "tensioner", "friction", "pulley friction", "inertia", "excitation", "allowable tension"
+    "",
+    "tensioner",
+    "friction",
+    "pulley friction",
+    "falling friction",
+    "excited friction",
+    "inertia",
+    "excitation",
+    "allowable tension",
+    "offset",
 ]
 MeasureFunction = TypeVar("MeasureFunction", bound=Callable[..., Array])
 
@@ -82,8 +91,9 @@ def quantity(
             a "mode" (from 0; names count from 1), or an "order" of the driver's speed. It is empty
             where the function takes the analyses alone.
         needs: what a drive must have: a "tensioner", "friction" of every pulley, "pulley
-            friction" of the one named, "inertia" of every part, "excitation" and inertias, the
-            "allowable tension" of every belt.
+            friction" of the one named, "falling friction" of that one and belts with damping,
+            "excited friction" of it and "excitation", "offset" of some pulley, "inertia" of every
+            part, "excitation" and inertias, the "allowable tension" of every belt.
         many: whether it returns many numbers, which can be limited but not minimized.
 
     Returns:
@@ -159,7 +169,8 @@ def find_quantity(name: str, drive: Drive, point: OperatingPoint | None = None) 
     text = name.partition(":")[2]
     places = (_place(definition.place, text, drive),) if definition.place else ()
     _CHECKS[definition.needs](name, drive, places)
-    if point is not None and definition.needs == "excitation" and point.excitation is None:
+    excited = definition.needs in ("excitation", "excited friction")
+    if point is not None and excited and point.excitation is None:
         raise KeyError(f"{name!r} needs [excitation] in the drive file; add that table")
     return Quantity(
         name,
@@ -220,6 +231,27 @@ def _needs_pulley_friction(name: str, drive: Drive, places: Places) -> None:
         raise KeyError(f"{missing}; add it to the drive file")
 
 
+def _needs_falling_friction(name: str, drive: Drive, places: Places) -> None:
+    pulley = drive.pulleys[int(places[0])]
+    if pulley.friction_static is None:
+        missing = f"pulley {pulley.name!r} has no friction_static and friction_speed"
+        raise KeyError(f"{missing}, which {name!r} needs; add them to the drive file")
+    lacking = [belt.name for belt in drive.belts if belt.longitudinal_damping is None]
+    if lacking:
+        missing = f"belt {lacking[0]!r} has no longitudinal_damping, which {name!r} needs"
+        raise KeyError(f"{missing}; add it to the drive file")
+
+
+def _needs_excited_friction(name: str, drive: Drive, places: Places) -> None:
+    _needs_pulley_friction(name, drive, places)
+    _needs_inertia(name, drive, places)
+
+
+def _needs_offset(name: str, drive: Drive, places: Places) -> None:
+    if all(pulley.offset is None for pulley in drive.pulleys):
+        raise KeyError(f"no pulley has an offset, which {name!r} needs; add it to the drive file")
+
+
 def _needs_allowable_tension(name: str, drive: Drive, places: Places) -> None:
     lacking = [belt.name for belt in drive.belts if belt.allowable_tension is None]
     if lacking:
@@ -232,6 +264,9 @@ _CHECKS: dict[Need, Callable[[str, Drive, Places], None]] = {
     "tensioner": _needs_tensioner,
     "friction": _needs_friction,
     "pulley friction": _needs_pulley_friction,
+    "falling friction": _needs_falling_friction,
+    "excited friction": _needs_excited_friction,
+    "offset": _needs_offset,
     "inertia": _needs_inertia,
     "excitation": _needs_inertia,
     "allowable tension": _needs_allowable_tension,

@@ -146,10 +146,9 @@ def _linearized(
     fixed_bending: Float[Array, ""] | None,
 ) -> Linearization:
     shaped = steady if fixed_steady is None else fixed_steady
-    model = _model(steady, shaped, fixed_bending)
+    model = vibration_model(steady, shaped, fixed_bending)
     result = RESULTS.where(succeeded(steady.result), shaped.result, steady.result)
-    # The driver's hub comes first, the others in the order of the rotors.
-    order = jnp.argsort(-steady.groups.held_rotor, stable=True)
+    order = rotors_in_order(steady)
     driver = order[0]
     turning = order if free else order[1:]
     d = elongations(model, basis, turning)
@@ -174,8 +173,13 @@ def _linearized(
     return frozen_where_failed(linearization, result)
 
 
-def _model(
-    steady: SteadyState, shaped: SteadyState, eps: Float[Array, ""] | None
+def rotors_in_order(steady: SteadyState) -> Int[Array, " rotors"]:
+    """Places of the rotors: the driver's hub comes first, the others in their order."""
+    return jnp.argsort(-steady.groups.held_rotor, stable=True)
+
+
+def vibration_model(
+    steady: SteadyState, shaped: SteadyState, eps: Float[Array, ""] | None = None
 ) -> VibrationModel:
     """The drive in the letters of the source, with the deflections and tensions of `shaped`."""
     g, h = steady.groups, shaped.groups

@@ -2,6 +2,7 @@
 
 import abc
 from collections.abc import Callable
+from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -14,9 +15,11 @@ from beltjax.analysis.orbit_motion import AbstractMotion, MotionGrid
 from beltjax.compiling.quick import usual_promotion
 from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
+from beltjax.numerics.loops import Loops
 from beltjax.numerics.roots import solve_dense
 from beltjax.physics.motion import MotionModel, strains
 
+Given = TypeVar("Given")
 _PLACES = 33  # points of a span
 _REFINEMENTS = 3  # of Newton's method
 _MOST = 1e6  # slip exponent of a pulley beside a span without tension
@@ -95,11 +98,15 @@ class Signals(eqx.Module):
 
     def slip_exponents(self, phase: Float[Array, ""]) -> Float[Array, " pulleys"]:
         """|ln(Q_out/Q_in)| of each pulley."""
-        Q, loops = self.effective(phase), self.linearization.steady.groups.loops
-        pulled = Q > 0
-        logarithm = jnp.log(jnp.where(pulled, Q, 1.0))
-        both = pulled & loops.preceding(pulled)
-        return jnp.where(both, jnp.abs(logarithm - loops.preceding(logarithm)), _MOST)
+        return slip_exponents(self.effective(phase), self.linearization.steady.groups.loops)
+
+
+def slip_exponents(Q: Float[Array, " spans"], loops: Loops) -> Float[Array, " pulleys"]:
+    """|ln(Q_out/Q_in)| of each pulley, for effective tensions; very large beside a slack span."""
+    pulled = Q > 0
+    logarithm = jnp.log(jnp.where(pulled, Q, 1.0))
+    both = pulled & loops.preceding(pulled)
+    return jnp.where(both, jnp.abs(logarithm - loops.preceding(logarithm)), _MOST)
 
 
 class OverTime(eqx.Module):
@@ -195,8 +202,8 @@ def _wind_ups(signals: Signals, grid: MotionGrid) -> Float[Array, "times joints"
 
 
 def extremes(
-    function: Callable[[Signals, Float[Array, ""]], Float[Array, " items"]],
-    signals: Signals,
+    function: Callable[[Given, Float[Array, ""]], Float[Array, " items"]],
+    signals: Given,
     grid: MotionGrid,
 ) -> Float[Array, "2 items"]:
     """Least and greatest value over the motion of each item of a function of its variable.
@@ -270,9 +277,13 @@ def _deflections(
     return jax.vmap(of_span)(jnp.arange(lin.spans))
 
 
+def held_exponents(drive: Drive, wraps: Float[Array, " pulleys"]) -> Float[Array, " pulleys"]:
+    """Friction times wrap: |ln(Q_out/Q_in)| above which a pulley slips; 0 without friction."""
+    friction = [pulley.holding for pulley in drive.pulleys]
+    return jnp.stack([jnp.zeros(()) if one is None else one for one in friction]) * wraps
+
+
 def friction_use(drive: Drive, lin: Linearization, found: Measures) -> Float[Array, " pulleys"]:
     """Largest |ln(Q_out/Q_in)| over friction times wrap; 0 where there is no friction."""
-    none = jnp.zeros(())
-    friction = jnp.stack([none if p.friction is None else p.friction for p in drive.pulleys])
-    hold = friction * lin.steady.reference.layout.wraps
+    hold = held_exponents(drive, lin.steady.reference.layout.wraps)
     return jnp.where(hold > 0, found.slip_exponent_max / jnp.where(hold > 0, hold, 1.0), 0.0)

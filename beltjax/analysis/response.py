@@ -6,7 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.scipy.linalg import block_diag
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Bool, Complex, Float
 
 from beltjax.analysis.damping import Damping, damping_matrix, own_damping
 from beltjax.analysis.linearization import Linearization, linearize
@@ -176,6 +176,31 @@ def _response(
     fields = jax.vmap(lambda w: solve(lin, w, crank, forces, damping))(omega)
     answer = _in_newtons(lin, frequencies, *fields, crank)
     return frozen_where_failed(answer, answer.result)
+
+
+def harmonic_response(
+    lin: Linearization,
+    frequencies: Float[Array, " harmonics"],
+    cranks: Complex[Array, " harmonics"],
+    torques: Complex[Array, "harmonics pulleys"],
+    damping: Damping,
+) -> tuple[Complex[Array, "harmonics spans"], Bool[Array, ""]]:
+    """Fluctuations of tension [N] to an excitation at several frequencies, and if all are finite.
+
+    For compiled code; a harmonic that is not excited does not move the drive.
+    """
+
+    def at(
+        omega: Float[Array, ""], crank: Complex[Array, ""], torque: Complex[Array, " pulleys"]
+    ) -> tuple[Complex[Array, " spans"], Bool[Array, ""]]:
+        forces = torque / lin.scales.energy
+        _, _, _, strains, _ = _by_basis(lin, omega * lin.scales.time, crank, forces, damping)
+        tensions = lin.scales.tension * lin.model.gam * strains
+        finite = jnp.all(jnp.isfinite(tensions))
+        return jnp.where(finite, tensions, 0.0), finite
+
+    tensions, finite = jax.vmap(at)(frequencies, cranks, torques)
+    return tensions, jnp.all(finite)
 
 
 def require_frequencies(frequencies: Array) -> None:

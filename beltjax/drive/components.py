@@ -19,6 +19,7 @@ TENSIONS_OF = ("belt", "string")
 TRAVELS = {"listed": 1.0, "opposite": -1.0}
 KINDS = {"rotary": 1.0, "linear": 0.0}
 LAWS = {"spring": 0.0, "spring-clutch": 1.0, "decoupler": 2.0, "rigid-clutch": 3.0}
+FRICTION_LAWS = {"stribeck": 0.0, "cubic": 1.0}
 NO_STOPS = (-np.inf, np.inf)
 # Units of a coordinate and of what goes with it, by the kind of tensioner.
 COORDINATE = {"rotary": "rad", "linear": "m"}
@@ -79,6 +80,11 @@ def as_flags(value: Any) -> Array:
 def as_law(value: Any) -> Array:
     """The number of the law of a joint between rim and hub, as `physics.joints` has it."""
     return as_sign(LAWS, value)
+
+
+def as_friction_law(value: Any) -> Array | None:
+    """0 for friction by Stribeck's law, 1 for the cubic one; None where it is not given."""
+    return None if value is None else as_sign(FRICTION_LAWS, value)
 
 
 def as_kind(value: Any) -> Array:
@@ -146,6 +152,15 @@ class Belt(Readable):
             above=0,
         ),
     )
+    longitudinal_damping: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number(
+            "N s/m",
+            "of the belt's motion along a pulley on which it slides, for squeal",
+            at_least=0,
+        ),
+    )
     name: str = eqx.field(static=True, default="belt")
     # Those of a standard, between which nothing lies, so that nothing is differentiated by them.
     pitch: float | None = eqx.field(static=True, default=None)  # of the teeth [m]; None: no teeth
@@ -156,7 +171,7 @@ class Belt(Readable):
 class Pulley(Readable):
     """One pulley, in the plane of the drive."""
 
-    words: ClassVar = {"face": SIDES}
+    words: ClassVar = {"face": SIDES, "friction_law": FRICTION_LAWS}
 
     name: str = eqx.field(static=True)
     center: Float[Array, "2"] = eqx.field(
@@ -185,6 +200,31 @@ class Pulley(Readable):
         default=None,
         metadata=number("", "coefficient, for contact and slip", at_least=0),
     )
+    friction_static: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number(
+            "",
+            "coefficient before the belt slides, for squeal; `friction` is then that of fast "
+            "sliding, or of a cubic law the least",
+            at_least=0,
+        ),
+    )
+    friction_speed: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number(
+            "m/s",
+            "beside it: sliding speed over which friction falls, or of a cubic law at which it is "
+            "least",
+            above=0,
+        ),
+    )
+    offset: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number("m", "of the plane of its groove, for the angle at which the belt enters"),
+    )
     rim_radius: Float[Array, ""] | None = eqx.field(
         converter=as_optional,
         default=None,
@@ -197,6 +237,8 @@ class Pulley(Readable):
     on: Float[Array, " coordinates"] = eqx.field(converter=as_flags, default=())
     # 1: the accessory is bolted to the body that carries its pulley, 0: to the ground.
     housed: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)
+    # How friction falls from `friction_static`: data, too.
+    friction_law: Float[Array, ""] | None = eqx.field(converter=as_friction_law, default=None)
     belt: str | None = eqx.field(static=True, default=None)  # name of its belt; None: the only one
     shaft: str | None = eqx.field(static=True, default=None)  # name of a pulley on the same shaft
 
@@ -211,6 +253,16 @@ class Pulley(Readable):
             raise ValueError(
                 f"Pulley {self.name!r}: face is +1 (grooved) or -1 (back), not {face}."
             )
+        beside = self.friction, self.friction_speed
+        if self.friction_static is not None and any(number is None for number in beside):
+            raise ValueError(
+                f"Pulley {self.name!r}: friction_static needs friction and friction_speed, too."
+            )
+
+    @property
+    def holding(self) -> Float[Array, ""] | None:
+        """Coefficient of friction up to which the belt does not slide; None where none is given."""
+        return self.friction if self.friction_static is None else self.friction_static
 
 
 class Tensioner(Readable):

@@ -178,8 +178,12 @@ def _in_groove(table: dict[str, Any], name: str, path: object) -> dict[str, Any]
     if not 0 < angle < math.pi:
         message = f"found {shown(table['groove_angle'])}; give the angle between the flanks"
         raise FileError(path, key, f"{message}, above 0 and below 180 deg")
-    flank = _number(table["friction"], "", f"{name}.friction", path)
-    return _without(table, ("groove_angle",)) | {"friction": flank / math.sin(angle / 2)}
+    flanks = {
+        word: _number(table[word], "", f"{name}.{word}", path) / math.sin(angle / 2)
+        for word in ("friction", "friction_static")
+        if word in table
+    }
+    return _without(table, ("groove_angle",)) | flanks
 
 
 def _lengths(given: Any, belts: dict[Any, dict[str, Any]], path: object) -> Any:

@@ -55,6 +55,8 @@ _BY_WORD = {
     "axial_stiffness": _Ordinary("kN", least=500.0),
     "speed": _Ordinary("rpm", most=3000.0, whole=2000.0),  # of an accessory
     "friction": _Ordinary("%", most=3.0),
+    "friction_static": _Ordinary("%", most=3.0),
+    "offset": _Ordinary("mm", most=0.1),
     "thickness": _Ordinary("mm", most=0.1),
     "pitch": _Ordinary("mm", most=0.2),
     "pitch_offset": _Ordinary("mm", most=0.05),

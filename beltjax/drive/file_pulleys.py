@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from beltjax.drive.components import (
+    FRICTION_LAWS,
     LARGEST_BARE_RADIUS,
     LAWS,
     SENSES,
@@ -211,6 +212,7 @@ def pulleys_of(wheels: Wheels, of: BodiesOfFile, path: object) -> list[Pulley]:
         if pulley.housing == "arm" and not any(on):
             message = "found 'arm', but no tensioner carries this pulley; give 'ground'"
             raise FileError(path, f"pulley.{pulley.name}.housing", message)
+        _require_friction(pulley, path)
         made.append(
             Pulley(
                 name=pulley.name,
@@ -218,12 +220,35 @@ def pulleys_of(wheels: Wheels, of: BodiesOfFile, path: object) -> list[Pulley]:
                 driver=pulley.driver,
                 on=on,
                 housed=pulley.housing == "arm",
+                friction_law=pulley.friction_law,
                 belt=pulley.belt,
                 shaft=partner,
                 **given_numbers(pulley, Pulley),
             )
         )
     return made
+
+
+def _require_friction(pulley: PulleyTable, path: object) -> None:
+    """Raise `FileError` for a law of friction with a number missing or out of order."""
+    given = given_numbers(pulley, Pulley)
+    static, key = given.get("friction_static"), f"pulley.{pulley.name}"
+    for name, found in (
+        ("friction_speed", given.get("friction_speed")),
+        ("friction_law", pulley.friction_law),
+    ):
+        if static is None and found is not None:
+            message = "belongs beside friction_static, which is missing; add it, or remove this"
+            raise FileError(path, f"{key}.{name}", message)
+    if static is None:
+        return
+    for name in ("friction", "friction_speed"):
+        if name not in given:
+            message = "is missing; friction_static needs friction and friction_speed beside it"
+            raise FileError(path, f"{key}.{name}", message)
+    if static < given["friction"]:
+        message = f"found {static:g}, below friction, {given['friction']:g}; exchange them"
+        raise FileError(path, f"{key}.friction_static", message)
 
 
 def isolators_of(file: DriveTable, wheels: Wheels, path: object) -> list[Isolator]:
@@ -349,6 +374,8 @@ def _pulley_content(pulley: Pulley, crossed: bool) -> dict[str, Any]:
         if content.get(key, 0.0) > LARGEST_BARE_RADIUS:
             content[key] = f"{content[key]!r} m"
     content["face"] = "grooved" if crossed else word(SIDES, pulley.face)
+    law = pulley.friction_law
+    content |= {"friction_law": None if law is None else word(FRICTION_LAWS, law)}
     content |= {"belt": pulley.belt, "shaft": pulley.shaft}
     content |= {"driver": True if float(pulley.driver) else None}
     content |= {"housing": "arm" if float(pulley.housed) else None}

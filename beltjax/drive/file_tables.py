@@ -79,6 +79,13 @@ class PulleyTable(Table):
             "carries its pulley, which then feels its torque"
         ),
     ] = "ground"
+    friction_law: Annotated[
+        Literal["stribeck", "cubic"] | None,
+        meaning(
+            'beside `friction_static`: `"stribeck"` (default), which falls for good, or `"cubic"`, '
+            "which rises again"
+        ),
+    ] = None
     belt: Annotated[str | None, meaning("name of its belt, where there are several")] = None
     shaft: Annotated[
         str | None,

@@ -45,6 +45,23 @@ _UNITS_OF_RESULTS = {
     "driver_moment": "N m",
     "pulley_speeds": "rad/s",
     "contact_curvatures": "1/m",
+    "equilibrium": "m",
+    "eigenvalues": "1/s",
+    "onset_speed": "m/s",
+    "fold_speed": "m/s",
+    "sliding_speed": "m/s",
+    "critical_damping": "N s/m",
+    "squeal_frequency": "rad/s",
+    "growth": "1/s",
+    "runaway_rate": "1/s",
+    "period": "s",
+    "slip_time": "s",
+    "stick_time": "s",
+    "amplitude": "m",
+    "v_max": "m/s",
+    "release": "m",
+    "capture": "m",
+    "entry_angles": "rad",
 }
 
 

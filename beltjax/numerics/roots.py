@@ -1,11 +1,10 @@
 """Roots of small systems: searched with safeguards, differentiated at the equations.
 
-A search (`increasing_root`, `system_root`) finds a root and is never differentiated: hand it
-arguments without derivatives. `implicit_root` gives a root found in any way its derivative,
-forward and reverse and to any order, by one linear solve with the converged equations, and
-`implicit_solution` what follows from the root, too. Between
-the two a caller can replace what failed by something harmless, so that no lane of a batch
-disturbs its neighbors.
+A search (`increasing_root`, `bracketed_root`, `system_root`) finds a root and is never
+differentiated: hand it arguments without derivatives. `implicit_root` gives a root found in any
+way its derivative, forward and reverse and to any order, by one linear solve with the converged
+equations, and `implicit_solution` what follows from the root, too. Between the two a caller can
+replace what failed by something harmless, so that no lane of a batch disturbs its neighbors.
 
 The linear solves are done here, not by LAPACK: a call a lane is slow under `vmap`, and can hang
 XLA's thread pool on few cores.
@@ -108,6 +107,41 @@ def increasing_root(
     high = jnp.full_like(lower, jnp.inf)
     start = (guess, lower, high, jnp.zeros_like(guess), jnp.array(False), jnp.array(0))
     x, _, _, value, done, steps = jax.lax.while_loop(unfinished, body, start)
+    return Search(x, value, done, steps)
+
+
+def bracketed_root(
+    residual: Callable[[Scalar], Scalar],
+    lower: Scalar,
+    upper: Scalar,
+    *,
+    tol: float = 1e-13,
+    max_steps: int = 80,
+) -> Search:
+    """A root between `lower`, where the function is negative, and `upper`, where it is not.
+
+    Newton's method; a step out of the bracket found so far is replaced by half of it.
+    """
+
+    def body(state: tuple[Any, ...]) -> tuple[Any, ...]:
+        x, low, high, _, _, steps = state
+        value, slope = jax.jvp(residual, (x,), (jnp.ones_like(x),))
+        low, high = jnp.where(value < 0, x, low), jnp.where(value < 0, high, x)
+        after = x - value / jnp.where(slope > 0, slope, jnp.inf)
+        inside = (slope > 0) & (after > low) & (after < high)
+        # At the root itself the bracket closes on x and no step stays strictly inside it.
+        small = (slope > 0) & (jnp.abs(after - x) <= tol * (jnp.abs(x) + upper - lower))
+        after = jnp.where(inside | small, after, (low + high) / 2)
+        done = small | (high - low <= tol * (upper - lower))
+        return after, low, high, value, done, steps + 1
+
+    def unfinished(state: tuple[Any, ...]) -> Bool[Array, ""]:
+        *_, done, steps = state
+        return ~done & (steps < max_steps)
+
+    middle = (lower + upper) / 2
+    start = (middle, lower, upper, jnp.zeros_like(middle), jnp.array(False), jnp.array(0))
+    x, _, _, value, done, steps = jax.lax.while_loop(unfinished, body, in_lanes_of(middle, start))
     return Search(x, value, done, steps)
 
 

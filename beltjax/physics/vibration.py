@@ -28,7 +28,7 @@ Rotors = Float[Array, " rotors"]
 Coordinates = Float[Array, " coordinates"]
 
 # Stiffness of a coordinate that does not move, beside unit mass: far above every mode looked for.
-_BOLTED = 1e8
+BOLTED = 1e8
 
 
 class VibrationModel(NamedTuple):
@@ -82,6 +82,13 @@ def geometric_stiffness(m: VibrationModel) -> Float[Array, "coordinates coordina
     return jnp.sum(m.Q[:, None, None] * (turned + m.H), axis=0)
 
 
+def of_moving(
+    m: VibrationModel, matrix: Float[Array, "coordinates coordinates"], own: float
+) -> Float[Array, "coordinates coordinates"]:
+    """A matrix of the bodies that move; of one that does not it has `own` on its diagonal."""
+    return m.movable[:, None] * m.movable * matrix + own * jnp.diag(1.0 - m.movable)
+
+
 def energy(
     moved: Motion,
     rate: Motion,
@@ -131,11 +138,9 @@ def assembled(
     m, of = model, basis.products()
     weight = m.mu * m.lam**3
     lift, lift2 = lift_products(m, of)
-    moving = m.movable[:, None] * m.movable
-    bolted = jnp.diag(1.0 - m.movable)
     lift = lift * m.movable
     none = jnp.zeros_like(lift)
-    inertia = moving * (m.M + jnp.sum(weight[:, None, None] * lift2, axis=0)) + bolted
+    inertia = of_moving(m, m.M + jnp.sum(weight[:, None, None] * lift2, axis=0), 1.0)
     mass = _joined(
         weight[:, None, None] * of.value,
         weight[:, None, None] * lift,
@@ -145,7 +150,7 @@ def assembled(
     drag = convection(m, basis, kept, m.s)
     own = m.Q[:, None, None] * jnp.eye(basis.size)
     own = own + ((m.eps / m.lam) ** 2)[:, None, None] * of.curvature
-    spring = moving * (m.K + geometric_stiffness(m)) + _BOLTED * bolted
+    spring = of_moving(m, m.K + geometric_stiffness(m), BOLTED)
     stiffness = _joined(m.lam[:, None, None] * own, none, spring, m.K_r[kept][:, kept])
     return Matrices(mass, drag - drag.T, stiffness + d.T @ ((m.lam * m.gam)[:, None] * d))
 

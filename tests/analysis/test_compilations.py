@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from compilations import TYPES, compilations, renamed, variants
 from drives import example
+from squealing import with_laws
 
 import beltjax as bj
 
@@ -138,6 +139,33 @@ def test_motion_with_events():
     )  # fmt: skip
     with compilations() as count:
         swung(other, point)
+    assert count == [0]
+
+
+def test_friction_induced_vibration():
+    def dragged(static, V, **more):
+        for law in (bj.StribeckFriction, bj.CubicFriction):
+            bj.friction_oscillator(1, 0.1, V, np.float32(1), law(static, 0.25, 0.1), V, **more)
+        bj.friction_oscillator(1.0, 0.1, 1.0, 1.0, bj.CoulombFriction(static, 0.2), V)
+
+    dragged(0.4, 0.1)
+    with compilations() as count:
+        dragged(0.5, 1, load_rate=0.1, wrap=2)
+    assert count == [0]
+
+
+def test_squeal():
+    drive, point = example("three_pulley")
+    drive = with_laws(drive)
+
+    def slipped(drive, point):
+        name = drive.pulley_names[2]
+        bj.slip_margin(drive, point, bj.Excitation(0.01 * speed_of(point)), basis=BASIS)
+        return bj.slip_stability(drive, point, name, 0.1 + speed_of(point), damping=30.0).growth
+
+    assert changes_of(slipped, drive, point) == dict.fromkeys(TYPES, 0)
+    with compilations() as count:
+        bj.slip_stability(drive, point, drive.pulley_names[0], 0.2, damping=20)
     assert count == [0]
 
 

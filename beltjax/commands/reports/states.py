@@ -209,7 +209,7 @@ def slip_margins(drive: Drive, steady: SteadyState, read: Readings) -> list[floa
     wraps = np.asarray(steady.reference.layout.wraps)
     used = np.asarray(read.slip_exponents)
     return [
-        None if pulley.friction is None else plain(float(pulley.friction) * wrap - exponent)
+        None if pulley.holding is None else plain(float(pulley.holding) * wrap - exponent)
         for pulley, wrap, exponent in zip(drive.pulleys, wraps, used, strict=True)
     ]
 
