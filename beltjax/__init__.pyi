@@ -10,6 +10,8 @@ from .analysis.contact_path import span_deflection as span_deflection
 from .analysis.damping import Damping as Damping
 from .analysis.driver_motion import CrankSignal as CrankSignal
 from .analysis.duties import duty_states as duty_states
+from .analysis.floquet import Floquet as Floquet
+from .analysis.floquet import floquet as floquet
 from .analysis.friction import lock_torque as lock_torque
 from .analysis.linearization import Linearization as Linearization
 from .analysis.linearization import linearize as linearize
@@ -21,6 +23,8 @@ from .analysis.moving_beam import moving_beam_modes as moving_beam_modes
 from .analysis.moving_beam import span_frequencies as span_frequencies
 from .analysis.orbit_measures import Measures as Measures
 from .analysis.orders import Orders as Orders
+from .analysis.parametric import Pairs as Pairs
+from .analysis.parametric import parametric_pairs as parametric_pairs
 from .analysis.periodic import HarmonicBalance as HarmonicBalance
 from .analysis.periodic import PeriodicResponse as PeriodicResponse
 from .analysis.periodic import Shooting as Shooting
@@ -35,6 +39,8 @@ from .analysis.response import Response as Response
 from .analysis.response import frequency_response as frequency_response
 from .analysis.response import peak_response as peak_response
 from .analysis.response import speed_response as speed_response
+from .analysis.span_stability import SpanStability as SpanStability
+from .analysis.span_stability import span_stability as span_stability
 from .analysis.steady import Exact as Exact
 from .analysis.steady import Linear as Linear
 from .analysis.steady import Perturbation as Perturbation

@@ -81,6 +81,8 @@ if TYPE_CHECKING:
         too_many_events: "RESULTS"
         grazing: "RESULTS"
         motion_has_modes: "RESULTS"
+        commensurate: "RESULTS"
+        no_damping: "RESULTS"
         frequencies_not_isolated: "RESULTS"
         belt_too_stiff: "RESULTS"
         contact_pressure_lost: "RESULTS"
@@ -263,6 +265,15 @@ else:
             "A tensioner's dry friction holds (friction_speed = 0), or a joint is a decoupler or a "
             "rigid clutch: their equations change at events, which harmonic balance does not know. "
             "Give method=Shooting(), or a friction_speed."
+        )
+        commensurate = (
+            "A moving belt has no bending stiffness (EI = 0): the frequencies of its spans are "
+            "multiples of each other, so that more modes resonate the more are counted, and no "
+            "number of them answers. Give the belt its bending stiffness."
+        )
+        no_damping = (
+            "The drive has no damping: each resonance is unstable from the smallest excitation on, "
+            "and there is no critical one. Give damping, as modal ratio or of the belt."
         )
         frequencies_not_isolated = (
             "The exact frequencies could not be told apart. Use a finer basis for the first "
