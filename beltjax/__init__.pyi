@@ -25,6 +25,9 @@ from .analysis.orbit_measures import Measures as Measures
 from .analysis.orders import Orders as Orders
 from .analysis.parametric import Pairs as Pairs
 from .analysis.parametric import parametric_pairs as parametric_pairs
+from .analysis.parametric_margin import Margin as Margin
+from .analysis.parametric_margin import Tongues as Tongues
+from .analysis.parametric_margin import parametric_margin as parametric_margin
 from .analysis.periodic import HarmonicBalance as HarmonicBalance
 from .analysis.periodic import PeriodicResponse as PeriodicResponse
 from .analysis.periodic import Shooting as Shooting

@@ -34,7 +34,7 @@ BLOCKS = {
     "reading": 3,
     "robust": 4,
     "several_tensioners": 11,
-    "stability": 3,
+    "stability": 4,
     "transient": 4,
     "troubleshooting": 1,
     "vibration": 4,

@@ -9,28 +9,25 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from beltjax.analysis.damping import Damping, damping_matrix
+from beltjax.analysis.damping import Damping
 from beltjax.analysis.linearization import Linearization
 from beltjax.analysis.motion import (
     Excited,
     load_series,
-    motion_model,
     oscillator,
     real_series,
 )
 from beltjax.analysis.orders import Forcing, Orders
-from beltjax.analysis.parametric import is_commensurate, require_frequency
+from beltjax.analysis.parametric import is_commensurate, modal_drive, require_frequency
 from beltjax.analysis.response import Excitation, Response, frequency_response
-from beltjax.compiling.batched_loops import ready_after
 from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.canonical import strongly_typed
 from beltjax.drive.components import as_real
 from beltjax.drive.readable import Readable
 from beltjax.numerics.derivative_rules import frozen_unless
 from beltjax.numerics.floquet import growth, monodromy
-from beltjax.numerics.gyroscopic import hermitian_modes
 from beltjax.numerics.harmonic_balance import derived, series
-from beltjax.numerics.parametric import ModalBasis, modal_basis
+from beltjax.numerics.parametric import ModalBasis
 from beltjax.numerics.periodic import periodic_orbit
 from beltjax.numerics.roots import first_upcrossing, implicit_root
 from beltjax.physics.motion import MotionModel
@@ -186,13 +183,8 @@ def disturbed(
     places: tuple[int, ...],
 ) -> tuple[Disturbed, Response]:
     """The modes of a drive, and its linear response to an excitation."""
-    C, w = damping_matrix(lin, damping), frequency * lin.scales.time
-    model = motion_model(lin, damping)
-    # In a batch each routine of linear algebra waits for the one before it.
-    M = ready_after(lin.mass, model.damping if model.rigid is None else jnp.sum(model.rigid))
-    found, definite = hermitian_modes(M, lin.gyroscopic, lin.stiffness, count, int(lin.free))
-    basis = modal_basis(lin.mass, lin.gyroscopic, lin.stiffness, C, found)
-    later = eqx.tree_at(lambda lin: lin.mass, lin, ready_after(lin.mass, found.vectors))
+    w = frequency * lin.scales.time
+    model, C, basis, definite, later = modal_drive(lin, damping, count)
     picked = jnp.asarray(places)
 
     def responding(place: Array, crank: Array, torques: Array) -> tuple[Response, RESULTS]:

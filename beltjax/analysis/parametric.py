@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
-from beltjax.analysis.damping import Damping, damping_matrix
+from beltjax.analysis.damping import Damping
 from beltjax.analysis.linearization import Linearization
 from beltjax.analysis.motion import motion_model
 from beltjax.analysis.response import Excitation, equations_at
@@ -184,6 +185,31 @@ class Resonating(NamedTuple):
     definite: Bool[Array, ""]
 
 
+class ModalDrive(NamedTuple):
+    """A drive in motion, and its modes."""
+
+    model: MotionModel
+    dissipation: Float[Array, "size size"]
+    basis: ModalBasis
+    definite: Bool[Array, ""]  # whether its stiffness is
+    later: Linearization  # which is not ready before the modes are
+
+
+def modal_drive(lin: Linearization, damping: Damping, count: int) -> ModalDrive:
+    """The equations of a drive, and its lowest modes.
+
+    In a batch each routine of linear algebra waits for the one before it.
+    """
+    model = motion_model(lin, damping)
+    C = model.damping - lin.gyroscopic
+    M = ready_after(lin.mass, C if model.rigid is None else jnp.sum(model.rigid))
+    found, definite = hermitian_modes(M, lin.gyroscopic, lin.stiffness, count, int(lin.free))
+    basis = modal_basis(lin.mass, lin.gyroscopic, lin.stiffness, C, found)
+    mass = ready_after(lin.mass, found.vectors)
+    later = eqx.tree_at(lambda lin: lin.mass, lin, mass)
+    return ModalDrive(model, C, basis, definite, later)
+
+
 def resonating(
     lin: Linearization,
     frequency: Float[Array, ""],
@@ -193,18 +219,10 @@ def resonating(
     count: int,
 ) -> Resonating:
     """The modes and the primary motion of a drive at one frequency [rad/s]."""
-    C = damping_matrix(lin, damping)
-    model = motion_model(lin, damping)
-    # In a batch each routine of linear algebra waits for the one before it.
-    M = ready_after(lin.mass, model.damping if model.rigid is None else jnp.sum(model.rigid))
-    found, definite = hermitian_modes(
-        ready_after(M, C), lin.gyroscopic, lin.stiffness, count, 1 if lin.free else 0
-    )
-    basis = modal_basis(lin.mass, lin.gyroscopic, lin.stiffness, C, found)
+    model, C, basis, definite, later = modal_drive(lin, damping, count)
     omega = frequency * lin.scales.time
     forces = jnp.broadcast_to(torques / lin.scales.energy, (lin.spans,))
-    pencil, load = equations_at(lin, omega, crank, forces, damping)
-    z = jnp.linalg.solve(ready_after(pencil, found.vectors), load)
+    z = jnp.linalg.solve(*equations_at(later, omega, crank, forces, damping))
     tensions = lin.model.gam * (lin.elongations @ z + lin.driving * crank)
     return Resonating(model, C, basis, PrimaryAmplitudes(z, tensions), omega, definite)
 

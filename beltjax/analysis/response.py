@@ -418,13 +418,7 @@ def _over_speeds(
     free: bool,
 ) -> Response:
     def at(speed: Float[Array, ""]) -> tuple[Response, tuple[RESULTS, RESULTS]]:
-        moved = eqx.tree_at(
-            lambda p: (p.belt_speed, p.driver_speed),
-            point,
-            (None, speed),
-            is_leaf=lambda leaf: leaf is None,
-        )
-        steady = steady_state(drive, moved, throw=False)
+        steady = steady_state(drive, point.at_driver_speed(speed), throw=False)
         lin = linearize(steady, basis, free=free, throw=False)
         found = _response(lin, order * speed[None], *shaken, damping, False)
         outcomes = found.result, found.warning

@@ -200,13 +200,22 @@ def cluster_of(
     distance = jax.lax.stop_gradient(jnp.where(is_pair, jnp.inf, distance))
     others = jnp.argsort(distance)[: _MEMBERS - 2]
     members = jnp.concatenate([jnp.stack([first, second]), others])
-    part = jnp.clip((1 + _SOFT - distance[others]) / (2 * _SOFT), 0.0, 1.0)
-    weights = jnp.concatenate([jnp.ones(2), part**2 * (3 - 2 * part)])
+    # A pair that is far from its own resonance is near to others' and not their center.
+    own = _NEAR * (decay[first] + decay[second])
+    off = jnp.abs(jax.lax.stop_gradient(detuning[second])) / jnp.where(own > 0, own, 1.0)
+    joining = _comes_in(distance[others]) * _comes_in(jnp.where(own > 0, off, _FAR))
+    weights = jnp.concatenate([jnp.ones(2), joining])
     # What is apart must not be what decays least.
     away = jnp.where(weights > 0, 0.0, 10 * (decay[first] + decay[second]) + frequency)
     diagonal = 1j * detuning[members] - decay[members] - away
     shared = coupling[members][:, members] * jnp.sqrt(weights[:, None] * weights)
     return Cluster(diagonal, shared, members % count, weights)
+
+
+def _comes_in(distance: Array) -> Array:
+    """From 1 inside of 1 to 0 outside, smoothly."""
+    part = jnp.clip((1 + _SOFT - distance) / (2 * _SOFT), 0.0, 1.0)
+    return part**2 * (3 - 2 * part)
 
 
 _SEARCHED = np.exp2(np.arange(-6, 17) / 4)  # of the pair's own critical amplitude
