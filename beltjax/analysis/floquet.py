@@ -14,12 +14,14 @@ from beltjax.analysis.linearization import Linearization
 from beltjax.analysis.motion import (
     Excited,
     load_series,
+    motion_model,
     oscillator,
     real_series,
 )
 from beltjax.analysis.orders import Forcing, Orders
 from beltjax.analysis.parametric import is_commensurate, modal_drive, require_frequency
 from beltjax.analysis.response import Excitation, Response, frequency_response
+from beltjax.compiling.batched_loops import ready_after
 from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.canonical import strongly_typed
 from beltjax.drive.components import as_real
@@ -184,14 +186,13 @@ def disturbed(
 ) -> tuple[Disturbed, Response]:
     """The modes of a drive, and its linear response to an excitation."""
     w = frequency * lin.scales.time
-    model, C, basis, definite, later = modal_drive(lin, damping, count)
     picked = jnp.asarray(places)
 
     def responding(place: Array, crank: Array, torques: Array) -> tuple[Response, RESULTS]:
         names = tuple(map(str, range(len(torques))))
         given = Excitation(crank, dict(zip(names, torques, strict=True)))
         of = frequency_response(
-            later, place * frequency[None], given, names, damping=damping, throw=False
+            lin, place * frequency[None], given, names, damping=damping, throw=False
         )
         flat = eqx.tree_at(lambda r: (r.result, r.warning), of, (None, None))
         return jax.tree.map(lambda x: x[0], flat), of.result
@@ -207,6 +208,10 @@ def disturbed(
         lambda r: (r.result, r.warning), fields, (result, warning), is_leaf=lambda x: x is None
     )
     assert primary.coordinates is not None  # by the basis, not in closed form
+    later = eqx.tree_at(lambda lin: lin.mass, lin, ready_after(lin.mass, primary.coordinates))
+    model = motion_model(later, damping)
+    after = model.damping if model.rigid is None else jnp.sum(model.rigid)
+    C, basis, definite = modal_drive(lin, model, count, after)
     waves = jnp.zeros((len(forcing.crank), len(lin.mass)), complex)
     waves = waves.at[picked].set(primary.coordinates)
     wide = Forcing(

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -186,28 +185,26 @@ class Resonating(NamedTuple):
 
 
 class ModalDrive(NamedTuple):
-    """A drive in motion, and its modes."""
+    """The modes of a drive in motion."""
 
-    model: MotionModel
     dissipation: Float[Array, "size size"]
     basis: ModalBasis
     definite: Bool[Array, ""]  # whether its stiffness is
-    later: Linearization  # which is not ready before the modes are
 
 
-def modal_drive(lin: Linearization, damping: Damping, count: int) -> ModalDrive:
-    """The equations of a drive, and its lowest modes.
+def modal_drive(lin: Linearization, model: MotionModel, count: int, after: Array) -> ModalDrive:
+    """The lowest modes of a drive.
 
-    In a batch each routine of linear algebra waits for the one before it.
+    In a batch each routine of linear algebra waits for the one before it. The modes come last,
+    `after` the response, because their derivatives have routines of their own.
     """
-    model = motion_model(lin, damping)
     C = model.damping - lin.gyroscopic
-    M = ready_after(lin.mass, C if model.rigid is None else jnp.sum(model.rigid))
-    found, definite = hermitian_modes(M, lin.gyroscopic, lin.stiffness, count, int(lin.free))
-    basis = modal_basis(lin.mass, lin.gyroscopic, lin.stiffness, C, found)
-    mass = ready_after(lin.mass, found.vectors)
-    later = eqx.tree_at(lambda lin: lin.mass, lin, mass)
-    return ModalDrive(model, C, basis, definite, later)
+    M = ready_after(lin.mass, after)
+    rigid = int(lin.free)
+    every = len(lin.mass) - rigid
+    found, definite = hermitian_modes(M, lin.gyroscopic, lin.stiffness, every, rigid)
+    basis = modal_basis(M, lin.gyroscopic, lin.stiffness, C, found, count)
+    return ModalDrive(C, basis, definite)
 
 
 def resonating(
@@ -219,10 +216,14 @@ def resonating(
     count: int,
 ) -> Resonating:
     """The modes and the primary motion of a drive at one frequency [rad/s]."""
-    model, C, basis, definite, later = modal_drive(lin, damping, count)
+    model = motion_model(lin, damping)
     omega = frequency * lin.scales.time
     forces = jnp.broadcast_to(torques / lin.scales.energy, (lin.spans,))
-    z = jnp.linalg.solve(*equations_at(later, omega, crank, forces, damping))
+    damped = model.damping
+    if model.rigid is not None:
+        damped = ready_after(damped, jnp.sum(model.rigid))
+    z = jnp.linalg.solve(*equations_at(lin, omega, crank, forces, damping, damped))
+    C, basis, definite = modal_drive(lin, model, count, z)
     tensions = lin.model.gam * (lin.elongations @ z + lin.driving * crank)
     return Resonating(model, C, basis, PrimaryAmplitudes(z, tensions), omega, definite)
 

@@ -20,9 +20,10 @@ from beltjax.analysis.parametric import (
     slack_factor,
 )
 from beltjax.analysis.response import Excitation
+from beltjax.analysis.sensitivity import Gradient
 from beltjax.analysis.steady import steady_state
-from beltjax.compiling.quick import boundary_jit
-from beltjax.drive.canonical import canonical, strongly_typed
+from beltjax.compiling.quick import boundary_jit, quickly_compiled
+from beltjax.drive.canonical import canonical, restored, strongly_typed
 from beltjax.drive.components import as_real, concrete
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.readable import Readable
@@ -66,6 +67,9 @@ class Tongues(Readable):
     inside: Bool[Array, " pairs"]  # whether the resonance lies in the range
     half_width: Float[Array, " pairs"]  # of the unstable frequencies [rad/s]; 0: it is stable
     growth: Float[Array, " pairs"]  # of the pair alone under the excitation [1/s]
+    coupling: Float[Array, " pairs"]  # sqrt(Lam) [rad/s]
+    decays: Float[Array, "pairs 2"]  # of the two modes [1/s]
+    sweep: Float[Array, " pairs"]  # of the detuning, per driver's speed
     critical_factor: Float[Array, " pairs"]  # with the modes that are near; inf: never
     # The same by Floquet's theory in the neighborhood; NaN where it was not asked for.
     exact_factor: Float[Array, " pairs"]
@@ -117,7 +121,7 @@ def parametric_margin(
     excitation: Excitation,
     *,
     damping: Damping,
-    order: float = 2.0,
+    order: Scalar | float = 2.0,
     exact: bool = False,
     count: int = 12,
     basis: AbstractBasis | None = None,
@@ -208,6 +212,8 @@ class _Evaluated(NamedTuple):
 
     critical: Scalar
     growth: Scalar  # [1/s]
+    coupling: Scalar  # [rad/s]
+    decays: Float[Array, "2"]  # [1/s]
     half_width: Scalar  # [rad/s]
     slack: Scalar
     tensions: Complex[Array, " spans"]  # [N]
@@ -240,6 +246,8 @@ def _evaluated(
     return terms.detuning[0] / time, _Evaluated(
         critical=cluster_critical(cluster, near),
         growth=pair_growth(terms)[0] / time,
+        coupling=jnp.sqrt(jnp.maximum(terms.product[0], 1e-300)) / time,
+        decays=jnp.concatenate([terms.decay_r, terms.decay_s]) / time,
         half_width=jax.lax.stop_gradient(total * jnp.sqrt(beyond)) / time,
         slack=slack_factor(lin, tensions),
         tensions=tensions * lin.scales.tension,
@@ -260,6 +268,7 @@ class _Places(NamedTuple):
 
     speed: Float[Array, " pairs"]
     inside: Bool[Array, " pairs"]
+    sweep: Float[Array, " pairs"]
     complete: Bool[Array, ""]  # no pair of a mode beyond those is in the range
 
 
@@ -290,7 +299,7 @@ def _places(
     speed = jax.lax.fori_loop(0, _POLISHED, polish, jnp.clip(start, low, high))
     outside = jnp.where(jnp.any(above, axis=0), ends[0], ends[1])
     complete = jnp.all(of.order * speeds <= frequencies[:, 0] + frequencies[:, -1])
-    return _Places(jnp.where(inside, speed, outside), inside, complete)
+    return _Places(jnp.where(inside, speed, outside), inside, slope, complete)
 
 
 def _curved(
@@ -341,6 +350,9 @@ def _margin(given: Shaking, ends: tuple[Scalar, Scalar], asked: MarginAsked) -> 
         inside=places.inside,
         half_width=found.half_width,
         growth=found.growth,
+        coupling=found.coupling,
+        decays=found.decays,
+        sweep=places.sweep,
         critical_factor=found.critical,
         exact_factor=exact,
         slack_factor=slack,
@@ -390,6 +402,62 @@ class _Held(NamedTuple):
     refined: Bool[Array, ""]  # whether its factor is that of the tip
 
 
+def _factors(
+    given: Shaking, held: _Held, first: Scalar, asked: MarginAsked
+) -> Float[Array, " few"]:
+    """Critical factors in places that move with the drive."""
+
+    def at(root: Array, args: tuple[Shaking, tuple[Array, ...]]) -> tuple[Array, Array]:
+        of, (speed, inside, pair) = args
+        left, found = _evaluated(of, root[0], pair, asked)
+        residual = jnp.where(inside, left, root[0] - speed)
+        return residual[None], found.critical
+
+    def one(tongue: tuple[Array, ...]) -> Array:
+        return implicit_solution(at, (given, tongue), tongue[0][None])[1]
+
+    # One after the other: in a batch linear algebra and its derivatives wait for each other.
+    found = jax.lax.map(one, (held.speed, held.inside, held.pairs))
+    if not asked.exact:
+        return found
+
+    def left(factor: Array, of: Shaking) -> Array:
+        # The place of a least factor does not matter to first order.
+        return growth_in_tip(of, held.tip, factor, asked.basis)
+
+    tip = implicit_root(left, given, first)
+    return found.at[0].set(jnp.where(held.refined, tip, found[0]))
+
+
+def margin_gradient(
+    drive: Drive,
+    point: OperatingPoint,
+    excitation: Excitation,
+    damping: Damping,
+    order: Scalar | float,
+    asked: MarginAsked,
+    found: Margin,
+) -> Gradient:
+    """Derivatives of a margin that was found by all numbers of the drive and the point."""
+    of, worst = found.tongues, found.worst
+    tip = asked.exact and not bool(jnp.isnan(of.exact_factor[worst]))
+    held = _Held(
+        of.driver_speed[worst][None], of.inside[worst][None], found.modes[None] - 1,
+        found.speed, jnp.asarray(tip),
+    )  # fmt: skip
+    shaken = excitation.crank, excitation.on(drive.pulley_names)
+    given = Shaking(*canonical(drive, point), shaken, as_real(order), damping)
+    slopes = quickly_compiled(_gradient)(given, held, found.margin, asked._replace(exact=tip))
+    return restored(slopes, drive, point)
+
+
+def _gradient(given: Shaking, held: _Held, first: Scalar, asked: MarginAsked) -> Gradient:
+    def factor(numbers: Gradient) -> Scalar:
+        return _factors(given._replace(drive=numbers[0], point=numbers[1]), held, first, asked)[0]
+
+    return eqx.filter_grad(factor)((given.drive, given.point))
+
+
 @eqx.filter_custom_jvp
 def _with_slopes(
     given: Shaking, held: _Held, values: Float[Array, " few"], *, asked: MarginAsked
@@ -403,29 +471,12 @@ def _with_slopes_jvp(
     primals: tuple[Any, ...], tangents: tuple[Any, ...], *, asked: MarginAsked
 ) -> tuple[Any, Any]:
     given, held, values = primals
-
-    def factors(given: Shaking) -> Float[Array, " few"]:
-        def one(speed: Array, inside: Array, pair: Array) -> Array:
-            def at(root: Array, of: Shaking) -> tuple[Array, Array]:
-                left, found = _evaluated(of, root[0], pair, asked)
-                residual = jnp.where(inside, left, root[0] - speed)
-                return residual[None], found.critical
-
-            return implicit_solution(at, given, speed[None])[1]
-
-        found = jax.vmap(one)(held.speed, held.inside, held.pairs)
-        if not asked.exact:
-            return found
-
-        def left(factor: Array, of: Shaking) -> Array:
-            # The place of a least factor does not matter to first order.
-            return growth_in_tip(of, held.tip, factor, asked.basis)
-
-        tip = implicit_root(left, given, values[0])
-        return found.at[0].set(jnp.where(held.refined, tip, found[0]))
-
     moved = tangents[0]
     moves = jax.tree.map(lambda x: x is not None, moved, is_leaf=lambda x: x is None)
     numbers, others = eqx.partition(given, moves)
-    _, change = jax.jvp(lambda numbers: factors(eqx.combine(numbers, others)), (numbers,), (moved,))
+
+    def factors(numbers: Shaking) -> Float[Array, " few"]:
+        return _factors(eqx.combine(numbers, others), held, values[0], asked)
+
+    _, change = jax.jvp(factors, (numbers,), (moved,))
     return values, jnp.where(jnp.isfinite(values), change, 0.0)

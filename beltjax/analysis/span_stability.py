@@ -156,8 +156,8 @@ def _span_stability(
     basis = Legendre(count + _RESOLVED)
     M, G, K = span_matrices(basis, n.v, n.eps)
     C = modal_damping(M, K, n.modal)
-    found, _ = hermitian_modes(ready_after(M, C), G, K, count)
-    of = _Resonant(n, modal_basis(M, G, K, C, found), C)
+    found, _ = hermitian_modes(ready_after(M, C), G, K, basis.size)
+    of = _Resonant(n, modal_basis(M, G, K, C, found, count), C)
 
     def modulated(of: _Resonant, frequency: Scalar) -> tuple[Array, Array]:
         n = of.numbers

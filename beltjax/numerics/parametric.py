@@ -9,16 +9,17 @@
 docs/theory/parametric.md, (P7) to (P11). One harmonic: K(t) = K + Re(K^ e^{i Om t}), and so G(t).
 """
 
-from typing import NamedTuple
+import functools
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Int
 
-from beltjax.numerics.derivative_rules import frozen_unless
+from beltjax.numerics.derivative_rules import frozen_unless, without_derivative
 from beltjax.numerics.floquet import exponential, log_spectral_radius
-from beltjax.numerics.gyroscopic import Eigen, Matrix, eigenvalues, eigenvectors, forms
+from beltjax.numerics.gyroscopic import Eigen, Matrix, eigenvalues, forms
 from beltjax.numerics.roots import implicit_root
 
 Scalar = Float[Array, ""]
@@ -40,15 +41,53 @@ class Modulation(NamedTuple):
     lowering: Complex[Array, "signed signed"]  # by e^{-i Om t}
 
 
-def modal_basis(M: Matrix, G: Matrix, K: Matrix, C: Matrix, found: Eigen) -> ModalBasis:
-    """Modes that `hermitian_modes` found, with their derivatives by the matrices."""
-    held = forms(M, G, K, found.left, found.vectors)
-    frequencies = eigenvalues(found.values, held).imag
-    vectors = eigenvectors(M, G, K, found.values, found.vectors)
+def modal_basis(M: Matrix, G: Matrix, K: Matrix, C: Matrix, found: Eigen, count: int) -> ModalBasis:
+    """The `count` lowest of all modes, which `hermitian_modes` found, with their derivatives."""
+    low = found._replace(
+        values=found.values[:count], vectors=found.vectors[:count], left=found.left[:count]
+    )
+    frequencies = eigenvalues(low.values, forms(M, G, K, low.left, low.vectors)).imag
     # Their energy om^2 v*Mv + v*Kv is 1, which is om v* (2 om M - i G) v.
-    shapes = vectors * jnp.sqrt(frequencies)[:, None]
+    every = found.values.imag
+    shapes = _lowest_shapes(M, G, K, every, found.vectors * jnp.sqrt(every)[:, None], count)
     decays = frequencies * jnp.sum(shapes.conj() * (shapes @ C), axis=1).real
     return ModalBasis(frequencies, shapes, decays)
+
+
+_CLOSE = 1e-9  # relative gap of frequencies below which modes do not move each other
+
+
+@functools.partial(jax.custom_jvp, nondiff_argnums=(5,))
+def _lowest_shapes(
+    M: Matrix, G: Matrix, K: Matrix, om: Array, shapes: Array, count: int
+) -> Complex[Array, "count size"]:
+    """Some of all scaled shapes, with derivatives by sums over all modes; their phases are free.
+
+    No linear system is solved, which in a batch would wait for that of another part.
+    """
+    return shapes[:count]
+
+
+@_lowest_shapes.defjvp
+def _lowest_shapes_jvp(
+    count: int, primals: tuple[Any, ...], tangents: tuple[Any, ...]
+) -> tuple[Any, Any]:
+    M, G, _, om, shapes = without_derivative(primals)
+    dM, dG, dK = tangents[:3]
+    v, own = shapes[:count], om[:count, None]
+    every, sigma = jnp.concatenate([shapes, shapes.conj()]), jnp.concatenate([om, -om])
+    sign = jnp.concatenate([jnp.ones_like(om), -jnp.ones_like(om)])
+    force = -(own**2) * (v @ dM.T) + 1j * own * (v @ dG.T) + v @ dK.T
+    part = force @ every.conj().T
+    gap = own - sigma
+    apart = jnp.abs(gap) > _CLOSE * own
+    moved = jnp.where(apart, sign * part / jnp.where(apart, gap, 1.0), 0.0) @ every
+    shift = jnp.sum(v.conj() * force, axis=1).real[:, None]  # of the frequencies
+    scaled = 2 * shift * (v @ M.T) + 2 * own * (v @ dM.T) - 1j * (v @ dG.T)
+    across = 2 * own * (moved @ M.T) - 1j * (moved @ G.T)
+    change = jnp.sum(v.conj() * scaled, axis=1).real / 2
+    change = change + jnp.sum(v.conj() * across, axis=1).real
+    return v, moved - change[:, None] * v
 
 
 def modulation(
@@ -116,7 +155,10 @@ class PairTerms(NamedTuple):
 
 
 def pair_terms(
-    basis: ModalBasis, of: Modulation, frequency: Scalar, pairs: Int[np.ndarray, "pairs 2"]
+    basis: ModalBasis,
+    of: Modulation,
+    frequency: Scalar,
+    pairs: Int[np.ndarray | Array, "pairs 2"],
 ) -> PairTerms:
     """(P7) of each pair at one frequency of the harmonic."""
     (r, s), om, dec = pairs.T, basis.frequencies, basis.decays
@@ -204,7 +246,7 @@ def cluster_of(
     own = _NEAR * (decay[first] + decay[second])
     off = jnp.abs(jax.lax.stop_gradient(detuning[second])) / jnp.where(own > 0, own, 1.0)
     joining = _comes_in(distance[others]) * _comes_in(jnp.where(own > 0, off, _FAR))
-    weights = jnp.concatenate([jnp.ones(2), joining])
+    weights = jax.lax.stop_gradient(jnp.concatenate([jnp.ones(2), joining]))
     # What is apart must not be what decays least.
     away = jnp.where(weights > 0, 0.0, 10 * (decay[first] + decay[second]) + frequency)
     diagonal = 1j * detuning[members] - decay[members] - away

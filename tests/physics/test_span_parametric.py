@@ -41,8 +41,8 @@ def modes_of(v, eps, count, damping=(0.0, 0.0)):
     """Modes of a span with the damping a M + b N."""
     M, G, K = span_matrices(BASIS, v, eps)
     C = damping[0] * M + damping[1] * jnp.eye(BASIS.size)
-    found, _ = hermitian_modes(M, G, K, count)
-    return modal_basis(M, G, K, C, found), C
+    found, _ = hermitian_modes(M, G, K, BASIS.size)
+    return modal_basis(M, G, K, C, found, count), C
 
 
 @functools.partial(jax.jit, static_argnames=("uniform",))
