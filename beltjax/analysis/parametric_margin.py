@@ -374,7 +374,7 @@ def _margin(given: Shaking, ends: tuple[Scalar, Scalar], asked: MarginAsked) -> 
         ~jnp.isnan(exact[worst]),
     )
     smooth = _with_slopes(given, held, values, asked=asked)
-    moving = without_derivative(0.0 * jnp.sum(values))
+    moving = without_derivative(0.0 * jnp.sum(jnp.where(jnp.isfinite(smooth), smooth, 0.0)))
     tongues = jax.tree.map(
         lambda x: x + moving if jnp.issubdtype(x.dtype, jnp.inexact) else x, tongues
     )

@@ -61,7 +61,7 @@ def run_up(drive, point):
 
 
 def resonant(drive, point):
-    """Parametric resonance, of which another drive, speed, amplitude or damping compiles nothing."""
+    """Parametric resonance, of which another drive, speed or amplitude compiles nothing."""
     names, speed = drive.pulley_names, speed_of(point)
     lin = bj.linearize(bj.steady_state(drive, point), BASIS)
     crank = bj.Excitation(1e-4 * speed, {names[-1]: 0.01 * speed})
