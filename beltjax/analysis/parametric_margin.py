@@ -341,8 +341,11 @@ def _margin(given: Shaking, ends: tuple[Scalar, Scalar], asked: MarginAsked) -> 
     if asked.exact:
         near = places.speed[order], found.critical[order]
         tips = exact_factors(fixed, *near, ends, asked.basis)
-        exact, speeds = exact.at[order].set(tips.factor), speeds.at[order].set(tips.speed)
-        slack = slack.at[order].set(tips.slack)
+        # What is not in the range would take the tip of another one.
+        there = places.inside[order]
+        exact = exact.at[order].set(jnp.where(there, tips.factor, jnp.nan))
+        speeds = speeds.at[order].set(jnp.where(there, tips.speed, near[0]))
+        slack = slack.at[order].set(jnp.where(there, tips.slack, slack[order]))
     tongues = Tongues(
         modes=jnp.asarray(pairs) + 1,
         driver_speed=places.speed,
