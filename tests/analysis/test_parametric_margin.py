@@ -122,13 +122,11 @@ def test_derivatives():
 
 @pytest.mark.slow
 def test_the_tip_of_the_first_tongue_by_floquet_s_theory():
-    def margin(drive):
-        return bj.parametric_margin(
-            drive, POINT, (2605 * RPM, 2635 * RPM), bj.Excitation(crank=np.radians(0.06)),
+    found = bj.parametric_margin(
+            DRIVE, POINT, (2605 * RPM, 2635 * RPM), bj.Excitation(crank=np.radians(0.06)),
             damping=DAMPING, count=2, exact=True,
         )  # fmt: skip
 
-    found = margin(DRIVE)
     exact = CASES["A14_critical_crank_by_level"]["three_11 N=16,m=40,level=2"]
     # Stored at the resonance of the pair: the least amplitude of all speeds near is below that.
     assert found.modes.tolist() == [1, 1]
@@ -137,14 +135,6 @@ def test_the_tip_of_the_first_tongue_by_floquet_s_theory():
     crank = bj.Excitation(crank=np.radians(0.06))
     there = bj.floquet(bj.linearize(steady, BASIS), 2 * found.speed, crank, damping=DAMPING)
     assert float(found.margin) == pytest.approx(float(there.critical_amplitude), rel=1e-7)
-    slope = jax.grad(lambda drive: margin(drive).margin)(DRIVE).tensioner.stiffness
-    h = 0.05
-    ends = [
-        eqx.tree_at(lambda d: d.tensioner.stiffness, DRIVE, jnp.asarray(116.4 + c * h))
-        for c in (-1, 1)
-    ]
-    low, high = (float(margin(drive).margin) for drive in ends)
-    assert float(slope) == pytest.approx((high - low) / (2 * h), rel=1e-3)
 
 
 @pytest.mark.slow
