@@ -122,17 +122,14 @@ def test_derivatives():
 
 @pytest.mark.slow
 def test_the_tip_of_the_first_tongue_by_floquet_s_theory():
-    found = bj.parametric_margin(
-            DRIVE, POINT, (2605 * RPM, 2635 * RPM), bj.Excitation(crank=np.radians(0.06)),
-            damping=DAMPING, count=2, exact=True,
-        )  # fmt: skip
-
+    crank = bj.Excitation(crank=np.radians(0.06))
+    ends = 2605 * RPM, 2635 * RPM
+    found = bj.parametric_margin(DRIVE, POINT, ends, crank, damping=DAMPING, count=2, exact=True)
     exact = CASES["A14_critical_crank_by_level"]["three_11 N=16,m=40,level=2"]
     # Stored at the resonance of the pair: the least amplitude of all speeds near is below that.
     assert found.modes.tolist() == [1, 1]
     assert 0.97 * exact < 0.06 * float(found.margin) < exact
     steady = bj.steady_state(DRIVE, bj.OperatingPoint(driver_speed=found.speed))
-    crank = bj.Excitation(crank=np.radians(0.06))
     there = bj.floquet(bj.linearize(steady, BASIS), 2 * found.speed, crank, damping=DAMPING)
     assert float(found.margin) == pytest.approx(float(there.critical_amplitude), rel=1e-7)
 
