@@ -132,7 +132,9 @@ def parametric_margin(
     For each pair of modes the speed is found at which their frequencies add up to that of the
     excitation, and the critical factor there, with the modes that are near:
     docs/theory/parametric.md, (P12). Tongues are narrow, so that no grid of speeds would meet
-    them. With `exact` the least ones are refined by Floquet's theory about the linear response,
+    them. Derivatives of `margin` and `least` are for reverse mode (`jax.grad`), which takes a
+    minute to compile; those of the places are left out. With `exact` the least ones are refined by
+    Floquet's theory about the linear response,
     within 3 % of their speed. Tongues beyond the factor at which a span goes slack do not
     count.
 
