@@ -11,6 +11,8 @@ from .analysis.damping import Damping as Damping
 from .analysis.driver_motion import CrankSignal as CrankSignal
 from .analysis.duties import duty_states as duty_states
 from .analysis.entry_angles import entry_angles as entry_angles
+from .analysis.floquet import Floquet as Floquet
+from .analysis.floquet import floquet as floquet
 from .analysis.friction import lock_torque as lock_torque
 from .analysis.friction_laws import AbstractFrictionLaw as AbstractFrictionLaw
 from .analysis.friction_laws import CoulombFriction as CoulombFriction
@@ -29,6 +31,11 @@ from .analysis.moving_beam import moving_beam_modes as moving_beam_modes
 from .analysis.moving_beam import span_frequencies as span_frequencies
 from .analysis.orbit_measures import Measures as Measures
 from .analysis.orders import Orders as Orders
+from .analysis.parametric import Pairs as Pairs
+from .analysis.parametric import parametric_pairs as parametric_pairs
+from .analysis.parametric_margin import Margin as Margin
+from .analysis.parametric_margin import Tongues as Tongues
+from .analysis.parametric_margin import parametric_margin as parametric_margin
 from .analysis.periodic import HarmonicBalance as HarmonicBalance
 from .analysis.periodic import PeriodicResponse as PeriodicResponse
 from .analysis.periodic import Shooting as Shooting
@@ -49,6 +56,8 @@ from .analysis.slip_onset import SlipOnset as SlipOnset
 from .analysis.slip_onset import slip_onset as slip_onset
 from .analysis.slip_stability import SlipStability as SlipStability
 from .analysis.slip_stability import slip_stability as slip_stability
+from .analysis.span_stability import SpanStability as SpanStability
+from .analysis.span_stability import span_stability as span_stability
 from .analysis.steady import Exact as Exact
 from .analysis.steady import Linear as Linear
 from .analysis.steady import Perturbation as Perturbation

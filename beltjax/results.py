@@ -86,6 +86,8 @@ if TYPE_CHECKING:
         onset_beyond_stick: "RESULTS"
         slides_back: "RESULTS"
         strongly_damped: "RESULTS"
+        commensurate: "RESULTS"
+        no_damping: "RESULTS"
         frequencies_not_isolated: "RESULTS"
         belt_too_stiff: "RESULTS"
         contact_pressure_lost: "RESULTS"
@@ -290,6 +292,15 @@ else:
         strongly_damped = (
             "The damping is above 2.5 times the critical one of an oscillation, where slips creep "
             "back, and some are missed: the fold and the cycle are not sure. The onset is."
+        )
+        commensurate = (
+            "A moving belt has no bending stiffness (EI = 0): the frequencies of its spans are "
+            "multiples of each other, so that more modes resonate the more are counted, and no "
+            "number of them answers. Give the belt its bending stiffness."
+        )
+        no_damping = (
+            "The drive has no damping: each resonance is unstable from the smallest excitation on, "
+            "and there is no critical one. Give damping, as modal ratio or of the belt."
         )
         frequencies_not_isolated = (
             "The exact frequencies could not be told apart. Use a finer basis for the first "

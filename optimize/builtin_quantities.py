@@ -242,6 +242,15 @@ def friction_work(analyses: DriveAnalyses) -> Many:
     return analyses.periodic.measures.friction_work
 
 
+@quantity("parametric_margin", needs="excitation", many=True)
+def parametric_margin(analyses: DriveAnalyses) -> Many:
+    """Factors by which [excitation] may grow before parametric resonance, 600 to 6000 rpm."""
+    return jnp.minimum(analyses.tongues.factors, _FAR)
+
+
+_FAR = 100.0  # factor above which a tongue does not matter
+
+
 @quantity("stability_margin", needs="excitation")
 def stability_margin(analyses: DriveAnalyses) -> Scalar:
     """1 less the largest Floquet multiplier of periodic motion; negative where it is unstable."""

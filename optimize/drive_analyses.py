@@ -1,7 +1,10 @@
 """The analyses of one drive from which its quantities are measured."""
 
 import functools
+from typing import NamedTuple
 
+import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from beltjax.analysis.contact import ContactState, contact_state, maximum_moment
@@ -9,7 +12,8 @@ from beltjax.analysis.damping import Damping
 from beltjax.analysis.linearization import Linearization, linearize
 from beltjax.analysis.modes import Modes, modes
 from beltjax.analysis.motion import driver_speed
-from beltjax.analysis.orders import ORDER
+from beltjax.analysis.orders import ORDER, orders_of
+from beltjax.analysis.parametric_margin import parametric_margin
 from beltjax.analysis.periodic import PeriodicResponse, periodic_response
 from beltjax.analysis.response import Excitation, Response, frequency_response
 from beltjax.analysis.slip_margin import SlipMargin, slip_margin
@@ -25,8 +29,19 @@ BASIS = Legendre(12)  # gives frequencies to about 0.1 %
 MODAL_DAMPING = 0.02  # of forced vibration, beside the arm's own
 HARMONICS, FUNCTIONS = 8, 12  # of periodic motion: about 0.1 % at moderate amplitudes
 
+SPEEDS = 600 * np.pi / 30, 6000 * np.pi / 30  # of parametric resonance, of the driver [rad/s]
+_TONGUE_MODES = 8  # whose pairs are looked at
+
 # Properties with a result.
-_CONTACT, _VIBRATION = ("contact", "slipping"), ("modes", "response", "periodic", "margins")
+_CONTACT = "contact", "slipping"
+_VIBRATION = "modes", "response", "periodic", "margins", "tongues"
+
+
+class LeastTongues(NamedTuple):
+    """The tongues that are reached first, of every order of the excitation."""
+
+    factors: Float[Array, " tongues"]  # by which the excitation may grow
+    result: RESULTS
 
 
 class DriveAnalyses:
@@ -102,6 +117,34 @@ class DriveAnalyses:
         """What is left of friction under [excitation], by the linear response."""
         damping = Damping(modal=MODAL_DAMPING)
         return slip_margin(self.drive, self.point, damping=damping, basis=BASIS, throw=False)
+
+    @functools.cached_property
+    def tongues(self) -> LeastTongues:
+        """Parametric resonances under [excitation], at all speeds of the driver in `SPEEDS`."""
+        shaken = self.point.excitation
+        assert shaken is not None  # because the quantity needs "excitation"
+        if shaken.orders:
+            orders = list(orders_of(shaken).excitations.items())
+        else:  # whose order may be traced
+            crank = 0.0 if shaken.crank is None else shaken.crank
+            order = ORDER if shaken.order is None else shaken.order
+            orders = [(order, Excitation(crank, dict(shaken.torque)))]
+        factors, result = [], RESULTS.successful
+        for order, excitation in orders:
+            found = parametric_margin(
+                self.drive,
+                self.point,
+                SPEEDS,
+                excitation,
+                damping=Damping(modal=MODAL_DAMPING),
+                order=order,
+                count=_TONGUE_MODES,
+                basis=BASIS,
+                throw=False,
+            )
+            factors.append(found.least)
+            result = RESULTS.where(succeeded(result), found.result, result)
+        return LeastTongues(jnp.concatenate(factors), result)
 
     @property
     def driver_speed(self) -> Float[Array, ""]:

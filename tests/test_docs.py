@@ -35,6 +35,7 @@ BLOCKS = {
     "robust": 4,
     "several_tensioners": 11,
     "squeal": 4,
+    "stability": 4,
     "transient": 4,
     "troubleshooting": 1,
     "vibration": 4,

@@ -245,9 +245,13 @@ def equations_at(
     crank: Complex[Array, ""],
     forces: Complex[Array, " pulleys"],
     damping: Damping,
+    damped: Float[Array, "size size"] | None = None,
 ) -> tuple[Complex[Array, "size size"], Complex[Array, " size"]]:
-    """Matrix and load of the coordinates' equations at one frequency (V16), dimensionless."""
-    C = lin.gyroscopic + damping_matrix(lin, damping)
+    """Matrix and load of the coordinates' equations at one frequency (V16), dimensionless.
+
+    `damped` is the gyroscopic and damping matrix, where that is known already.
+    """
+    C = lin.gyroscopic + damping_matrix(lin, damping) if damped is None else damped
     factor = 1 + 1j * omega * damping.stiffness / lin.scales.time  # of a damped stiffness
     pencil = lin.stiffness - omega**2 * lin.mass + 1j * omega * C
     work = lin.model.lam * lin.model.gam
@@ -443,13 +447,7 @@ def _over_speeds(
     free: bool,
 ) -> Response:
     def at(speed: Float[Array, ""]) -> tuple[Response, tuple[RESULTS, RESULTS]]:
-        moved = eqx.tree_at(
-            lambda p: (p.belt_speed, p.driver_speed),
-            point,
-            (None, speed),
-            is_leaf=lambda leaf: leaf is None,
-        )
-        steady = steady_state(drive, moved, throw=False)
+        steady = steady_state(drive, point.at_driver_speed(speed), throw=False)
         lin = linearize(steady, basis, free=free, throw=False)
         found = _response(lin, order * speed[None], *shaken, damping, False)
         outcomes = found.result, found.warning

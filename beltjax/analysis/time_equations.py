@@ -129,12 +129,7 @@ def begun(drive: Drive, point: OperatingPoint, asked: TransientAsked) -> Begun:
     """The equations of a transient, and the state in which the drive begins."""
     lowest, highest = jnp.min(asked.speeds), jnp.max(asked.speeds)
     reference = (lowest + highest) / 2 if asked.initial is None else asked.speeds[0]
-    about = eqx.tree_at(
-        lambda p: (p.belt_speed, p.driver_speed),
-        point,
-        (None, reference),
-        is_leaf=lambda leaf: leaf is None,
-    )
+    about = point.at_driver_speed(reference)
     made = moving(drive, about, asked)
     lin, small, shapes = made.linearization, made.model, made.shapes
     by_driver = narrowed(shapes, transmitted(lin, asked.damping))

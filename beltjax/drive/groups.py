@@ -40,6 +40,7 @@ class Groups(eqx.Module):
     pulls: Float[Array, "spans coordinates"]  # S: the span's part of d(path)
     slopes: Float[Array, "spans coordinates"]  # a: d(w_i(1) - w_i(0)), w over l_i
     lifts: Float[Array, "spans coordinates"]  # W0: d(w_i(0))
+    drifts: Float[Array, "spans coordinates"]  # d(motion along the span of its middle), over l
     curvatures: Float[Array, "spans coordinates coordinates"]  # H; 0 where the model leaves it out
     springs: Float[Array, "coordinates coordinates"]  # stiffness of springs and weights
     movable: Float[Array, " coordinates"]  # 0 where locked
@@ -144,6 +145,7 @@ def groups_and_scales(
         pulls=at.span_pulls * by,
         slopes=at.span_turns * units / lengths[:, None],
         lifts=at.lifts * units / lengths[:, None],
+        drifts=at.drifts * by,
         curvatures=at.curvatures * counted * by[:, None] * units,
         springs=(of_springs.matrix + made.outside.stiffness(of, at.coordinates))
         * units[:, None]

@@ -48,6 +48,7 @@ class Layout(Readable):
     span_pulls: Float[Array, "spans coordinates"]  # the span's part of d(path): S
     span_turns: Float[Array, "spans coordinates"]  # d(w_i(l_i) - w_i(0)), inwards: a l
     lifts: Float[Array, "spans coordinates"]  # d(w_i(0)), inwards: W0
+    drifts: Float[Array, "spans coordinates"]  # d(motion of the span along itself), of its middle
     # Second derivatives of the distance along the span between the pulleys at its ends: H.
     curvatures: Float[Array, "spans coordinates coordinates"]
     result: RESULTS
@@ -103,6 +104,7 @@ class Path(NamedTuple):
     span_pulls: Float[Array, "spans coordinates"]
     span_turns: Float[Array, "spans coordinates"]
     lifts: Float[Array, "spans coordinates"]
+    drifts: Float[Array, "spans coordinates"]
     curvatures: Float[Array, "spans coordinates coordinates"]
     pivots: Float[Array, "coordinates 2"]
 
@@ -151,6 +153,7 @@ def belt_path(of: Outline, loops: Loops, at: Float[Array, " coordinates"]) -> Pa
         span_pulls=t_x * apart_x + t_y * apart_y,
         span_turns=left * (t_x * apart_y - t_y * apart_x),
         lifts=left * (t_x * there.by_y - t_y * there.by_x),
+        drifts=t_x * (there.by_x + apart_x / 2) + t_y * (there.by_y + apart_y / 2),
         curvatures=t_x[:, None] * bent_x + t_y[:, None] * bent_y,
         pivots=there.pivots,
     )
@@ -241,6 +244,7 @@ def laid_out(of: Outline, loops: Loops, at: Float[Array, " coordinates"]) -> Lay
         span_pulls=path.span_pulls,
         span_turns=path.span_turns,
         lifts=path.lifts,
+        drifts=path.drifts,
         curvatures=path.curvatures,
         result=result,
     )

@@ -132,6 +132,15 @@ class OperatingPoint(Readable):
         assert self.driver_speed is not None  # as __check_init__ holds
         return self.driver_speed * (drive.drives @ drive.radii)
 
+    def at_driver_speed(self, speed: Float[Array, ""]) -> "OperatingPoint":
+        """The same point at that speed of the driver [rad/s] in place of its own."""
+        return eqx.tree_at(
+            lambda p: (p.belt_speed, p.driver_speed),
+            self,
+            (None, speed),
+            is_leaf=lambda leaf: leaf is None,
+        )
+
     @property
     def names_of_takers(self) -> tuple[str, ...]:
         """Names of the pulleys for which a torque or a load is given."""

@@ -323,3 +323,87 @@ def _solve_linear(linear: Callable[[Array], Array], right: Array) -> Array:
         slope = linear(jnp.ones_like(right))
         return right / jnp.where(slope == 0, 1.0, slope)
     return solve_dense(jax.vmap(linear, out_axes=-1)(jnp.eye(len(right))), right)
+
+
+class _Bracket(NamedTuple):
+    """A place below which a value is negative and one above which it is not; what is left to do."""
+
+    low: Scalar
+    bottom: Scalar
+    high: Scalar
+    top: Scalar
+    closed: Bool[Array, ""]  # whether both are found
+    latest: Int[Array, ""]  # which moved last: 1 the upper, -1 the lower, 0 none
+    tried: Int[Array, ""]
+    refined: Int[Array, ""]
+
+
+def first_upcrossing(
+    value: Callable[[Scalar], Scalar],
+    tried: Float[Array, " points"],
+    *,
+    one_by_one: bool = False,
+    refinements: int = 16,
+) -> tuple[Scalar, Bool[Array, ""]]:
+    """The first place among increasing `tried` ones at which `value` rises above 0, and whether.
+
+    Their values are taken at once or, where each is long to find, `one_by_one` until one is above
+    0; the place 0 stands before them, where the value is taken to be negative. Then secants are
+    drawn between a place below and one above, the end that stays being given less weight so that
+    both move (the method of M. Dowell and P. Jarratt, 1972).
+    """
+    count = len(tried)
+
+    def refined(at: _Bracket, middle: Scalar, found: Scalar) -> _Bracket:
+        up = found > 0
+        was = jnp.where(up, at.top, at.bottom)  # of the end that is replaced
+        again = at.latest == jnp.where(up, 1, -1)
+        less = jnp.where(again, was / jnp.where(was + found == 0, 1.0, was + found), 1.0)
+        there = found == 0  # both ends are the root then
+        return at._replace(
+            low=jnp.where(up & ~there, at.low, middle),
+            bottom=jnp.where(up, less * at.bottom, found),
+            high=jnp.where(up | there, middle, at.high),
+            top=jnp.where(up | there, found, less * at.top),
+            refined=at.refined + 1,
+            latest=jnp.where(up, 1, -1),
+        )
+
+    def between(at: _Bracket) -> Scalar:
+        width = at.top - at.bottom
+        secant = (at.low * at.top - at.high * at.bottom) / jnp.where(width == 0, 1.0, width)
+        inside = (secant >= at.low) & (secant <= at.high)
+        return jnp.where(inside, secant, (at.low + at.high) / 2)
+
+    def met(at: _Bracket, place: Scalar, found: Scalar) -> _Bracket:
+        up = found > 0
+        # Nothing is known of the value at 0: as far below as that of the first point is above.
+        bottom = jnp.where(at.tried == 0, -found, at.bottom)
+        return at._replace(
+            low=jnp.where(up, at.low, place), bottom=jnp.where(up, bottom, found),
+            high=place, top=found, closed=up, tried=at.tried + 1,
+        )  # fmt: skip
+
+    def step(at: _Bracket) -> _Bracket:
+        place = jnp.where(at.closed, between(at), tried[jnp.minimum(at.tried, count - 1)])
+        found = value(place)
+        one, other = refined(at, place, found), met(at, place, found)
+        return jax.tree.map(lambda a, b: jnp.where(at.closed, a, b), one, other)
+
+    def unfinished(at: _Bracket) -> Bool[Array, ""]:
+        return jnp.where(at.closed, at.refined < refinements, at.tried < count)
+
+    zero, none = jnp.zeros(()), jnp.array(0)
+    start = _Bracket(zero, zero, zero, zero, jnp.array(False), none, none, none)
+    if not one_by_one:
+        values = jax.vmap(value)(tried)
+        place = jnp.argmax(values > 0)
+        before = jnp.maximum(place - 1, 0)
+        start = start._replace(
+            low=jnp.where(place == 0, 0.0, tried[before]),
+            bottom=jnp.where(place == 0, -values[0], values[before]),
+            high=tried[place], top=values[place], closed=jnp.any(values > 0),
+            tried=jnp.array(count),
+        )  # fmt: skip
+    end = jax.lax.while_loop(unfinished, step, in_lanes_of(tried, start))
+    return between(end), end.closed

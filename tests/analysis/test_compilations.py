@@ -61,6 +61,16 @@ def run_up(drive, point):
     )  # fmt: skip
 
 
+def resonant(drive, point):
+    """Parametric resonance, of which another drive, speed or amplitude compiles nothing."""
+    names, speed = drive.pulley_names, speed_of(point)
+    lin = bj.linearize(bj.steady_state(drive, point), BASIS)
+    crank = bj.Excitation(1e-4 * speed, {names[-1]: 0.01 * speed})
+    damping = bj.Damping(modal=0.001 * speed)
+    bj.parametric_pairs(lin, 400.0 + speed, crank, names, damping=damping, count=2)
+    bj.floquet(lin, 400.0 + speed, crank, names, damping=damping, modes=4, steps=8, critical=False)
+
+
 def speed_of(point):
     return float(point.belt_speed)
 
@@ -115,6 +125,12 @@ def test_periodic_motion():
     assert changes_of(lambda d, p: jnp.asarray(swung(d, p) or 0.0), drive, point) == dict.fromkeys(
         TYPES, 0
     )
+
+
+def test_parametric_resonance():
+    drive, point = example("three_pulley")
+    found = changes_of(lambda d, p: jnp.asarray(resonant(d, p) or 0.0), drive, point)
+    assert found == dict.fromkeys(TYPES, 0)
 
 
 @pytest.mark.slow

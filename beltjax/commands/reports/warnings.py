@@ -352,6 +352,26 @@ def _where(
     return [{"code": code, "text": f"{text}: {parts + ', ' if parts else ''}at {speeds}"}]
 
 
+def slack_first(tongues: Sequence[dict[str, Any]], alone: bool, modes_left: bool) -> Warnings:
+    """Warn of tongues that are reached only with a slack span, and of modes not looked at."""
+    found: Warnings = []
+    beyond = [one for one in tongues if one["slack"] and one["critical_factor"] is not None]
+    if beyond and alone:
+        least = min(one["slack_factor"] for one in beyond)
+        text = (
+            f"slack comes first: a span goes slack at {least:.3g} times the excitation, before any "
+            "tongue is reached, and linear theory ends there"
+        )
+        found.append({"code": "span_slackens", "text": text})
+    if modes_left:
+        text = (
+            "modes are left out: pairs of higher modes than are looked at resonate at the upper "
+            "end of the range; lower --speeds"
+        )
+        found.append({"code": "modes_left_out", "text": text})
+    return found
+
+
 def warning_lines(document: dict[str, Any]) -> list[Text]:
     """The warnings of a document as they stand above its tables."""
     return [Text(f"warning: {one['text']}\n", style="yellow") for one in document["warnings"]]
