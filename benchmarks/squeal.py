@@ -60,8 +60,9 @@ def slip(c, speed, rtol, past=False):
     def turned(t, y):
         return rates(t, y)[1] if t > 3.0 else -1.0
 
-    caught.terminal = turned.terminal = True
-    caught.direction, turned.direction = -1, 1
+    for event, direction in ((caught, -1), (turned, 1)):
+        event.terminal = True  # pyright: ignore[reportFunctionMemberAccess]
+        event.direction = direction  # pyright: ignore[reportFunctionMemberAccess]
     event = turned if past else caught
     start = [0.4 - c * speed, 0.0]
     return solve_ivp(
@@ -96,7 +97,9 @@ def amplitude_regularized(c, speed, v0):
 
 def fold_by_brent(c, rtol):
     """The fold by SciPy: the least sliding speed of a slip vanishes there."""
-    return brentq(lambda speed: slip(c, speed, rtol, past=True).y[1, -1], 0.48, 0.6, xtol=1e-12)
+    found = brentq(lambda speed: slip(c, speed, rtol, past=True).y[1, -1], 0.48, 0.6, xtol=1e-12)
+    assert isinstance(found, float)
+    return found
 
 
 def timed(function):

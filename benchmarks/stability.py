@@ -94,6 +94,7 @@ def main():
     parser = argparse.ArgumentParser(description="Parametric instability")
     parser.add_argument("--batch", type=int, default=64)
     given = parser.parse_args()
+    assert DRIVE.tensioner is not None
     stiffness, crank = DRIVE.tensioner.stiffness, jnp.asarray(CRANK)
     exact, took = peer(stiffness, crank)
 

@@ -145,7 +145,8 @@ def integrated(m, c, k, load, rate, wrap, law, V):
     def caught(t, y):
         return y[1] if t > 1e-3 * np.sqrt(m / k) else 1.0
 
-    caught.terminal, caught.direction = True, -1
+    caught.terminal = True  # pyright: ignore[reportFunctionMemberAccess]
+    caught.direction = -1  # pyright: ignore[reportFunctionMemberAccess]
     end = 20 * np.sqrt(m / k)
     run = solve_ivp(rates, (0, end), [release, 0.0], "DOP853", rtol=1e-12, atol=1e-15 * load,
                     events=caught, dense_output=True)  # fmt: skip
@@ -330,7 +331,7 @@ def test_fold_of_friction_that_falls_steeply(numbers, law):
         def met(t, y):
             return y[1] + 1e-9 if t > 1e-3 else 1.0
 
-        met.terminal = True
+        met.terminal = True  # pyright: ignore[reportFunctionMemberAccess]
         end = 12 * np.sqrt(m / k)
         run = solve_ivp(rates, (0, end), [release, 0.0], "DOP853", rtol=1e-10, events=met)
         assert (run.status == 1) == meets, factor
@@ -399,7 +400,8 @@ def test_random_laws_by_a_second_route():
         def met(t, y):
             return y[1] if t > 1e-4 * np.sqrt(m / k) else 1.0
 
-        met.terminal, met.direction = True, -1
+        met.terminal = True  # pyright: ignore[reportFunctionMemberAccess]
+        met.direction = -1  # pyright: ignore[reportFunctionMemberAccess]
         start = [(load * static - c * V) / k, 0.0]
         end = 120 * np.sqrt(m / k)
         return solve_ivp(rates, (0, end), start, "DOP853", rtol=1e-11, atol=1e-13 * V, events=met)
