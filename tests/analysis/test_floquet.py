@@ -26,7 +26,13 @@ def found_at(degrees, functions=12, speed=SPEED, **options):
     return bj.floquet(lin, 2 * speed, crank, damping=DAMPING, **options)
 
 
-@pytest.mark.parametrize(("level", "stored"), [("response", "rank_one"), ("orbit", "orbit")])
+@pytest.mark.parametrize(
+    ("level", "stored"),
+    [
+        ("response", "rank_one"),
+        pytest.param("orbit", "orbit", marks=pytest.mark.slow),
+    ],
+)
 def test_stored_growth(level, stored):
     found = found_at(CASE["crank_deg"], level=level, critical=False)
     exact = CASE["floquet_growth_1_s"]["N=12,m=24,steps=64"][stored]

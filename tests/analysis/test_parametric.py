@@ -81,6 +81,7 @@ def test_terms_of_the_first_mode():
     np.testing.assert_allclose(swing, case["tension_fluctuation_N"], rtol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("k", [0, 1])
 def test_stored_tongues_of_seven_pulleys(k):
     one = CASES["A12_tongues_first_order"]["seven_pulley.toml"]["tongues"][k]

@@ -25,6 +25,7 @@ def found():
     return bj.parametric_margin(DRIVE, POINT, ends, CRANK, damping=DAMPING, count=8, basis=BASIS)
 
 
+@pytest.mark.slow
 def test_tongues_are_where_they_were_stored(found):
     of, pairs = found.tongues, found.tongues.modes.tolist()
     for one in CASES["A12_tongues_first_order"]["three_pulley.toml"]["tongues"]:
@@ -43,6 +44,7 @@ def test_tongues_are_where_they_were_stored(found):
         assert float(of.slack_factor[place]) == pytest.approx(float(alone.slack_factor), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_worst_tongue(found):
     assert found.modes.tolist() == [2, 6]
     assert float(found.margin) == pytest.approx(0.79, rel=0.01)  # 0.0079 degrees of 0.01
@@ -55,6 +57,7 @@ def test_the_worst_tongue(found):
     assert found.tongues.kind[int(found.worst)] == "sum"
 
 
+@pytest.mark.slow
 def test_what_is_not_in_the_range_stands_at_its_end(found):
     of = found.tongues
     outside = ~np.asarray(of.inside)
@@ -62,6 +65,7 @@ def test_what_is_not_in_the_range_stands_at_its_end(found):
     np.testing.assert_allclose(of.driver_speed[outside], 6000 * RPM)
 
 
+@pytest.mark.slow
 def test_twice_the_excitation_has_half_the_margin(found):
     ends = 600 * RPM, 6000 * RPM
     crank = bj.Excitation(crank=np.radians(0.02))

@@ -18,6 +18,7 @@ DAMPING = bj.Damping(modal=0.02)
 CRANK = bj.Excitation(crank=0.004)
 
 
+@pytest.mark.slow
 def test_static_margin_is_that_of_the_steady_state():
     drive, point = example("seven_pulley")
     steady = bj.steady_state(drive, point)

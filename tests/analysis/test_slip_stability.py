@@ -57,6 +57,7 @@ def test_seven_pulleys(seven):
     assert np.all(np.asarray(found.fold_speed) > np.asarray(found.onset_speed))
 
 
+@pytest.mark.slow
 def test_a_pair_of_the_alternator_on_its_belt_crosses_where_it_is_printed(seven):
     drive, point, _ = seven
     at = bj.slip_stability(drive, point, "alternator", 0.9392, damping=50.0)
@@ -231,6 +232,7 @@ def test_a_bad_lane_leaves_its_neighbors_alone(lanes):
         np.testing.assert_array_equal(np.asarray(part)[1:], 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "where",
     [

@@ -69,6 +69,7 @@ def critical(numbers):
     return 0.1 * found.critical_factor[None]
 
 
+@pytest.mark.slow
 def test_derivative_of_the_critical_tension():
     case = CASES["A11_derivatives_and_integration"]["span_critical_derivative"]
     at = jnp.array([case["v"], case["eps"]])

@@ -77,6 +77,7 @@ def test_a_belt_that_slides_squeals_below_its_onset_alone(run, tmp_path):
     assert pulley_of(found, "accessory")["growth"] < 0
 
 
+@pytest.mark.slow
 def test_vibration_makes_a_belt_slide(run, tmp_path):
     path = written(tmp_path, 0.5, 'offset = "1 mm"\n')
     text = (tmp_path / path).read_text().replace('offset = "1 mm"\n', "", 2)

@@ -28,6 +28,7 @@ def measured(drive, point, name):
     return np.asarray(found)
 
 
+@pytest.mark.slow
 def test_values():
     drive, point = quiet_drive()
     alone = bj.slip_stability(drive, point, "accessory")
