@@ -3,7 +3,6 @@
 import jax
 import numpy as np
 import pytest
-from beltjax.optimize import load_study
 from drives import EXAMPLES
 
 import beltjax as bj
@@ -21,7 +20,7 @@ FOUND = {
 @pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_the_design_of_the_study_of_motion_keeps_its_limits():
-    study = load_study(EXAMPLES / "seven_pulley_motion_study.toml")
+    study = bj.optimize.load_study(EXAMPLES / "seven_pulley_motion_study.toml")
     assert set(FOUND) == set(study.variables.names)
     drive = with_values(study.drive, FOUND)
     points = study.operating.points
