@@ -34,6 +34,7 @@ def moved(torque, speed=0.05, **options):
     )
 
 
+@pytest.mark.slow
 def test_stored_stick_slip_of_a_smooth_law():
     found = moved(0.5, functions=16, harmonics=16)
     m, case = found.measures, CASE["tanh_0p05"]
@@ -48,6 +49,7 @@ def test_stored_stick_slip_of_a_smooth_law():
     assert m.friction_work[0] == pytest.approx(stuck["friction_work_J_per_period"], rel=0.03)
 
 
+@pytest.mark.slow
 def test_work_of_the_crank_is_that_of_friction_and_dampers():
     from beltjax.analysis.damping import damping_matrix
 

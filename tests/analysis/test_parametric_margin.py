@@ -73,6 +73,7 @@ def test_twice_the_excitation_has_half_the_margin(found):
     assert float(twice.margin) == pytest.approx(float(found.margin) / 2, rel=1e-7)
 
 
+@pytest.mark.slow
 def test_failures():
     ends = 600 * RPM, 6000 * RPM
     options = {"count": 8, "basis": BASIS}

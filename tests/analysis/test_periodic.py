@@ -58,6 +58,7 @@ def test_small_amplitudes_are_those_of_the_linear_drive():
     np.testing.assert_allclose(found.span_peaks, linear.span_peaks[0], rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_orders_add_up_where_the_drive_is_linear():
     drive, point = example("three_pulley")
     parts = {1.5: bj.Excitation(crank=1e-6 * np.exp(0.7j)), 2: bj.Excitation(crank=2e-6)}
@@ -150,6 +151,7 @@ def test_another_belt_speed_is_refused():
         bj.periodic_response(drive, running(point, 2000), crank(0.1), belt_speed="fast")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("degrees", "multiplier"), [(0.12, -1.09241), (0.1, -0.97425)])
 def test_period_doubling(degrees, multiplier):
     drive, point = example("three_pulley")
@@ -201,6 +203,7 @@ def equations(found):
     return acceleration
 
 
+@pytest.mark.slow
 def test_integration_in_time_stays_on_the_orbit(strong):
     acceleration, size = equations(strong), strong.coefficients.shape[1]
     period = float(strong.period)

@@ -20,6 +20,7 @@ FOLDS = json.loads((Path(__file__).parents[1] / "data" / "periodic.json").read_t
 MODAL = bj.Damping(modal=0.02)
 
 
+@pytest.mark.slow
 def test_folds_of_an_opening_clutch():
     samples, drive = 256, clutched()
     forcing = bj.Orders({2: bj.Excitation(crank=np.deg2rad(0.3))}).forcing(drive.pulley_names, 12)

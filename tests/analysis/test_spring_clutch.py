@@ -21,6 +21,7 @@ def forcing(degrees):
     return bj.Orders({2: bj.Excitation(crank=np.deg2rad(degrees))}).forcing(("crank", "a"), H)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rpm", [700, 900, 1500])  # at 700 rpm the branch from rest folds twice
 def test_stored_motions(rpm):
     case = CASES[str(rpm)]

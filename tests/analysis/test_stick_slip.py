@@ -43,6 +43,7 @@ def events_of(found):
     return np.asarray(steps.end)[np.asarray(steps.events) >= 0]
 
 
+@pytest.mark.slow
 def test_power_of_the_crank_is_that_of_friction_and_dampers():
     found = moved(0.5)
     lin, path = found.linearization, found.signals.motion.trajectory

@@ -40,6 +40,7 @@ def moved(profile, *, drive=None, times=TIMES, **options):
     )
 
 
+@pytest.mark.slow
 def test_energy_of_an_undamped_drive_is_kept():
     rest = moved([(0, 2000), (0.1, 2000), (0.2, 2000)], damping=NONE)
     lin = rest.linearization
@@ -110,6 +111,7 @@ def test_a_signal_of_the_crank_is_the_same_as_its_order():
     np.testing.assert_allclose(found, turned, atol=2e-5 * np.abs(turned).max())
 
 
+@pytest.mark.slow
 def test_run_up_loads_the_belt_by_inertia_and_ends_in_the_steady_state():
     drive, point = THREE
     found = moved([(0, 1000), (1.0, 3000), (1.5, 3000)], damping=bj.Damping(modal=0.3))

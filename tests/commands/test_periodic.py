@@ -16,6 +16,7 @@ PNG = b"\x89PNG\r\n\x1a\n"
 SMALL = "--functions", 2, "--harmonics", 4
 
 
+@pytest.mark.slow
 def test_document_is_that_of_periodic_response(run, tmp_path):
     words = "--speeds", "2000 rpm", "--crank", "0.1 deg", "--order", 2, "--modal-damping", 0.03
     status, out, err = run(

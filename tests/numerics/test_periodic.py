@@ -108,6 +108,7 @@ def test_a_batch_follows_the_branch_from_rest_and_says_where_it_ends():
     np.testing.assert_allclose(orbits.coefficients[4], alone.coefficients, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_conditioning_vanishes_at_a_fold():
     # Amplitude A of the primary resonance, one harmonic: F^2 = A^2 [(1 + 3/4 a A^2 - w^2)^2 + ..].
     c, a, w = 0.05, 0.3, 1.15

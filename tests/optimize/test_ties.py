@@ -81,6 +81,7 @@ def minimized(folder, study):
     return bj.optimize.minimize(bj.optimize.load_study(folder / "study.toml"))
 
 
+@pytest.mark.slow
 def test_two_idlers_move_together_as_mirror_images(tmp_path):
     design = minimized(tmp_path, STUDY)
     x = limited(0.03)
