@@ -132,10 +132,10 @@ def parametric_margin(
     For each pair of modes the speed is found at which their frequencies add up to that of the
     excitation, and the critical factor there, with the modes that are near:
     docs/theory/parametric.md, (P12). Tongues are narrow, so that no grid of speeds would meet
-    them. Derivatives of `margin` and `least` are for reverse mode (`jax.grad`), which takes a
-    minute to compile; those of the places are left out. With `exact` the least ones are refined by
-    Floquet's theory about the linear response,
-    within 3 % of their speed. Tongues beyond the factor at which a span goes slack do not
+    them. `margin` and `least` have derivatives, forward (`jax.jvp`, `jax.jacfwd`) and in reverse
+    (`jax.grad`), which take a minute to compile; the places have none. With `exact` the least
+    tongues are refined by Floquet's theory about the linear response, within 3 % of their speed.
+    Tongues beyond the factor at which a span goes slack do not
     count.
 
     The result is that of the steady states, `drive_diverges`, `commensurate`, `no_damping` or

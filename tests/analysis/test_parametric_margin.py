@@ -123,6 +123,9 @@ def test_derivatives():
     assert np.abs(reverse).max() > 0.1
     size = np.abs(reverse).max(axis=1, keepdims=True)
     np.testing.assert_allclose(reverse / size, differences / size, atol=1e-5)
+    along = jnp.array([1.0, -0.5, 0.25])
+    forward = np.asarray(jax.jit(lambda x: jax.jvp(measured, (x,), (along,))[1])(at))
+    np.testing.assert_allclose(forward / size[:, 0], reverse @ along / size[:, 0], atol=1e-8)
 
 
 @pytest.mark.slow
