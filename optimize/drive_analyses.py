@@ -12,13 +12,19 @@ from beltjax.analysis.damping import Damping
 from beltjax.analysis.linearization import Linearization, linearize
 from beltjax.analysis.modes import Modes, modes
 from beltjax.analysis.motion import driver_speed
-from beltjax.analysis.orders import ORDER, orders_of
+from beltjax.analysis.orders import ORDER, orders_of, single_order
 from beltjax.analysis.parametric_margin import parametric_margin
 from beltjax.analysis.periodic import PeriodicResponse, periodic_response
-from beltjax.analysis.response import Excitation, Response, frequency_response
-from beltjax.analysis.slip_margin import SlipMargin, slip_margin
-from beltjax.analysis.slip_stability import SlipStability, failure_of, slip_stability
+from beltjax.analysis.response import Response, frequency_response
+from beltjax.analysis.slip_margin import SlipMargin, margins_about, shaken_by
+from beltjax.analysis.slip_stability import (
+    SlipStability,
+    asked_of_slip,
+    failure_of,
+    stability_about,
+)
 from beltjax.analysis.steady import SteadyState
+from beltjax.drive.canonical import canonical, strongly_typed
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import Legendre
@@ -80,13 +86,12 @@ class DriveAnalyses:
         """Forced vibration by the drive file's [excitation], at this speed of the driver."""
         shaken = self.point.excitation
         assert shaken is not None  # because the quantity needs "excitation"
-        order = ORDER if shaken.order is None else shaken.order
-        crank = 0.0 if shaken.crank is None else shaken.crank
+        order, excitation = single_order(shaken)
         free = shaken.driver == "free"
         return frequency_response(
             linearize(self.steady, BASIS, free=True, throw=False) if free else self.linearization,
             order * self.driver_speed[None],
-            Excitation(crank, dict(shaken.torque)),
+            excitation,
             self.drive.pulley_names,
             damping=Damping(modal=MODAL_DAMPING),
             throw=False,
@@ -109,14 +114,17 @@ class DriveAnalyses:
         """The belt sliding on one pulley, at the onset of squeal."""
         if pulley not in self._squeal:
             name = self.drive.pulley_names[pulley]
-            self._squeal[pulley] = slip_stability(self.drive, self.point, name, throw=False)
+            drive, point, place = asked_of_slip(self.drive, self.point, name, None)
+            self._squeal[pulley] = stability_about(drive, point, self.steady, place, None)
         return self._squeal[pulley]
 
     @functools.cached_property
     def margins(self) -> SlipMargin:
         """What is left of friction under [excitation], by the linear response."""
-        damping = Damping(modal=MODAL_DAMPING)
-        return slip_margin(self.drive, self.point, damping=damping, basis=BASIS, throw=False)
+        shaken = shaken_by(self.drive, self.point, None, ORDER)
+        damping = strongly_typed(Damping(modal=MODAL_DAMPING))
+        at = canonical(self.drive, self.point)
+        return margins_about(*at, self.steady, shaken, damping, BASIS)
 
     @functools.cached_property
     def tongues(self) -> LeastTongues:
@@ -125,10 +133,8 @@ class DriveAnalyses:
         assert shaken is not None  # because the quantity needs "excitation"
         if shaken.orders:
             orders = list(orders_of(shaken).excitations.items())
-        else:  # whose order may be traced
-            crank = 0.0 if shaken.crank is None else shaken.crank
-            order = ORDER if shaken.order is None else shaken.order
-            orders = [(order, Excitation(crank, dict(shaken.torque)))]
+        else:
+            orders = [single_order(shaken)]
         factors, result = [], RESULTS.successful
         for order, excitation in orders:
             found = parametric_margin(

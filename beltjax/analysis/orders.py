@@ -112,8 +112,8 @@ def orders_of(given: ExcitationGiven) -> Orders:
             parts.setdefault(one.order, []).append(Excitation(turn * one.crank, torques))
         together = {order: _together(same) for order, same in parts.items()}
         return Orders(together, driver=given.driver)
-    order = ORDER if given.order is None else float(given.order)
-    return Orders({order: _single(given)}, driver=given.driver)
+    order, excitation = single_order(given)
+    return Orders({float(order): excitation}, driver=given.driver)
 
 
 def given_forcing(
@@ -126,13 +126,14 @@ def given_forcing(
     if given.orders:
         orders = orders_of(given)
         return orders.forcing(names, harmonics), jnp.asarray(orders.base)
-    # A single order may be traced: it is the period's.
+    order, excitation = single_order(given)  # which is the period's
+    return Orders({1.0: excitation}, driver=given.driver).forcing(names, harmonics), order
+
+
+def single_order(given: ExcitationGiven) -> tuple[Float[Array, ""], Excitation]:
+    """The order of an excitation without a list of them, which may be traced, and what it does."""
     order = as_real(ORDER) if given.order is None else given.order
-    return Orders({1.0: _single(given)}, driver=given.driver).forcing(names, harmonics), order
-
-
-def _single(given: ExcitationGiven) -> Excitation:
-    return Excitation(0.0 if given.crank is None else given.crank, dict(given.torque))
+    return order, Excitation(0.0 if given.crank is None else given.crank, dict(given.torque))
 
 
 def _together(parts: list[Excitation]) -> Excitation:

@@ -267,7 +267,7 @@ def arc_models(drive: Drive, steady: SteadyState) -> SlidingArcs:
     listed = steady.groups.travel > 0
 
     def beside(of_span: Float[Array, " spans"]) -> tuple[Array, Array]:
-        """Of the spans that arrive at and that leave each pulley."""
+        """The values of the span that arrives at each pulley, and of that which leaves it."""
         before = loops.preceding(of_span)
         return jnp.where(listed, before, of_span), jnp.where(listed, of_span, before)
 

@@ -20,7 +20,7 @@ from jaxtyping import Array, Complex, Float, Int
 from beltjax.numerics.derivative_rules import frozen_unless, without_derivative
 from beltjax.numerics.floquet import exponential, log_spectral_radius
 from beltjax.numerics.gyroscopic import Eigen, Matrix, eigenvalues, forms
-from beltjax.numerics.roots import implicit_root
+from beltjax.numerics.roots import first_upcrossing, implicit_root
 
 Scalar = Float[Array, ""]
 Pairs = Float[Array, " pairs"]
@@ -261,7 +261,6 @@ def _comes_in(distance: Array) -> Array:
 
 
 _SEARCHED = np.exp2(np.arange(-6, 17) / 4)  # of the pair's own critical amplitude
-_HALVES = 30
 
 
 def cluster_critical(cluster: Cluster, near: Scalar) -> Scalar:
@@ -272,22 +271,8 @@ def cluster_critical(cluster: Cluster, near: Scalar) -> Scalar:
     at = jnp.where(jnp.isfinite(near), near, 1.0)
     fixed, start = jax.lax.stop_gradient((cluster, at))
 
-    def unstable(amplitude: Scalar) -> Array:
-        return fixed.growth(amplitude) > 0
-
-    tried = start * _SEARCHED
-    grows = jax.vmap(unstable)(tried)
-    place = jnp.argmax(grows)
-    low = jnp.where(place > 0, tried[jnp.maximum(place - 1, 0)], 0.0)
-
-    def halve(_: Array, ends: tuple[Array, Array]) -> tuple[Array, Array]:
-        low, high = ends
-        middle = (low + high) / 2
-        above = unstable(middle)
-        return jnp.where(above, low, middle), jnp.where(above, middle, high)
-
-    low, high = jax.lax.fori_loop(0, _HALVES, halve, (low, tried[place]))
-    found = jnp.any(grows) & jnp.isfinite(near)
+    critical, grows = first_upcrossing(fixed.growth, start * _SEARCHED)
+    found = grows & jnp.isfinite(near)
     held = frozen_unless(found, cluster)
-    root = implicit_root(lambda a, of: of.growth(a), held, (low + high) / 2)
+    root = implicit_root(lambda a, of: of.growth(a), held, critical)
     return jnp.where(found, root, jnp.inf)
