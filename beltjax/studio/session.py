@@ -1,0 +1,319 @@
+"""The model of one page: a design, what was done to it, and what it answers.
+
+It knows no browser and no server. All numbers are SI.
+"""
+
+import dataclasses
+import threading
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from beltjax.analysis.linearization import has_inertias
+from beltjax.commands.reports.diagnosis import diagnose
+from beltjax.commands.reports.documents import plain
+from beltjax.commands.reports.vibrating import MOST_VIBRATING
+from beltjax.compiling.kept_programs import kept_call
+from beltjax.drive.canonical import canonical
+from beltjax.drive.numbers import canonical_key, full_key, require_numbers, unit_of, with_numbers, with_values
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.system import Drive
+from beltjax.files.errors import FileError
+from beltjax.numerics.bases import Legendre
+from beltjax.optimize.drive_analyses import BASIS, MODES
+from beltjax.optimize.problem import with_tied
+from beltjax.optimize.study import Study
+from beltjax.studio import answers
+from beltjax.studio.handles import handles, page_names, turns
+from beltjax.studio.opened import Opened
+from beltjax.studio.programs import Answered, answered, judged, over_speed
+
+SPEEDS = 12  # of the driver at which frequencies are shown
+_COARSE = Legendre(6)  # of the curves over speed: to a pixel
+_FASTEST = 1.2  # times the fastest operating point, up to which they run
+_LEAST_RANGE = 6000 * np.pi / 30  # [rad/s]
+_DEEPEST = 200  # steps that are kept for undoing
+
+_programs: dict[Any, Any] = {}
+_making = threading.Lock()
+
+
+def program(function: Any, *args: Any) -> Any:
+    """`function` compiled for arguments like these, once for all pages of the process."""
+    arrays, rest = eqx.partition(args, eqx.is_array)
+    shapes = tuple((x.shape, str(x.dtype)) for x in jax.tree.leaves(arrays))
+    key = function, shapes, jax.tree.structure(arrays), eqx.tree_pformat(rest)
+    with _making:
+        own = _programs.setdefault(key, threading.Lock())
+    if not hasattr(own, "acquire"):
+        return own
+    with own:
+        found = _programs[key]
+        if found is own:
+            found = _programs[key] = kept_call(function, *args)
+        return found
+
+
+class Step(NamedTuple):
+    """A state to which undoing leads back."""
+
+    study: Study
+    what: str  # was done since, in words
+
+
+class Session:
+    """One page's design.
+
+    `begin`, `move` and `end` are one drag, whose moves are all from where it began; `set_numbers`
+    is a single step. `answer` says what is shown.
+    """
+
+    def __init__(self, opened: Opened):
+        self.opened = opened
+        self.study = self.first = opened.study
+        self.case = 0
+        self.past: list[Step] = []
+        self.future: list[Step] = []
+        self._dragged: Study | None = None
+        self._programs: dict[Any, Any] = {}
+        self.handles = handles(self.drive)
+        wanted = [*opened.study.variables.names] if opened.is_study else []
+        wanted += opened.study.scatter.names if opened.study.scatter else ()
+        self.names = page_names(self.drive, wanted)
+        # What walks over the whole drive is done once: names do not change while it is dragged.
+        self.units = {name: unit_of(self.drive, name) for name in self.names}
+        self._canonical_names = tuple(canonical_key(self.drive, name) for name in self.names)
+
+        if opened.kept:
+            self._take_up(opened.kept)
+
+    def _take_up(self, kept: Mapping[str, Any]) -> None:
+        """Go on where the file of a page says; raises `ValueError` for what does not fit."""
+        for case, values in enumerate(kept["operation"]):
+            if values:
+                self.show(case)
+                self.study = self._changed(self.study, values)
+        self.show(kept["case"])
+        if kept["numbers"]:
+            named = self._checked(kept["numbers"])
+            drive = with_values(self.drive, jax.tree.map(jnp.asarray, named))
+            self.study = eqx.tree_at(lambda s: s.drive, self.study, drive)
+
+    @property
+    def drive(self) -> Drive:
+        """The drive as it stands."""
+        return self.study.drive
+
+    @property
+    def cases(self) -> list[str]:
+        """What the operating points are called."""
+        names, seen = self.study.operating.names, []
+        for name in names:
+            label = name or "operation"
+            seen.append(f"{label} {names[: len(seen) + 1].count(name)}"
+                        if names.count(name) > 1 else label)  # fmt: skip
+        return seen
+
+    @property
+    def point(self) -> OperatingPoint:
+        """The operating point that is shown."""
+        return jax.tree.map(lambda x: x[self.case], self.study.operating.points)
+
+    def show(self, case: int) -> None:
+        """Show another operating point; raises `ValueError` where there is none."""
+        if not 0 <= case < len(self.cases):
+            raise ValueError(f"there is no operating point {case}")
+        self.case = case
+
+    # What changes the design.
+
+    def begin(self) -> None:
+        """Begin a drag."""
+        self._dragged = self.study
+
+    def move(self, values: Mapping[str, float]) -> None:
+        """Go on with a drag: these numbers [SI] in place of those where it began."""
+        self.study = self._changed(self._dragged or self.study, values)
+
+    def end(self, what: str = "dragged") -> None:
+        """End a drag, which is one step for undoing."""
+        if self._dragged is not None and self._dragged is not self.study:
+            self._keep(Step(self._dragged, what))
+        self._dragged = None
+
+    def set_numbers(self, values: Mapping[str, float], what: str = "") -> None:
+        """Set numbers of the drive or of the point that is shown [SI], as one step.
+
+        Raises `ValueError` for numbers that the drive does not have or cannot have.
+        """
+        changed = self._changed(self.study, values)
+        self._keep(Step(self.study, what or f"set {', '.join(values)}"))
+        self.study = changed
+
+    def take(self, drive: Drive, what: str) -> None:
+        """Take another drive of the same parts, as one step."""
+        self._keep(Step(self.study, what))
+        self.study = eqx.tree_at(lambda s: s.drive, self.study, drive)
+
+    def undo(self) -> bool:
+        """Go back one step; returns whether there was one."""
+        return self._step(self.past, self.future)
+
+    def redo(self) -> bool:
+        """Go forward again; returns whether there was a step that was undone."""
+        return self._step(self.future, self.past)
+
+    def _step(self, source: list[Step], target: list[Step]) -> bool:
+        self._dragged = None
+        if not source:
+            return False
+        step = source.pop()
+        target.append(Step(self.study, step.what))
+        self.study = step.study
+        return True
+
+    def _keep(self, step: Step) -> None:
+        self.past = [*self.past, step][-_DEEPEST:]
+        self.future = []
+
+    def _changed(self, study: Study, values: Mapping[str, float]) -> Study:
+        """`study` with these numbers; angles are counted from the file's drive."""
+        named = self._checked(values)
+        turned = turns(study.drive, self.first.drive)
+        steps = {n: x - turned.get(n, 0.0) for n, x in with_tied(study.ties, named).items()}
+        point = jax.tree.map(lambda x: x[self.case], study.operating.points)
+        drive, after = with_numbers(study.drive, point, jax.tree.map(jnp.asarray, steps))
+        study = eqx.tree_at(lambda s: s.drive, study, drive)
+        if not any(name.startswith("operation.") for name in named):
+            return study
+        return _with_point(study, self.case, after)
+
+    def _checked(self, values: Mapping[str, float]) -> dict[str, float]:
+        found = {full_key(self.drive, name): float(value) for name, value in values.items()}
+        if not found.keys() <= self.units.keys():
+            require_numbers(self.drive, list(found))
+        bad = [name for name, value in found.items() if not np.isfinite(value)]
+        if bad:
+            raise ValueError(f"{bad[0]}: found {found[bad[0]]}; give a finite number")
+        small = [n for n, x in found.items() if n.endswith(".radius") and x <= 0]
+        if small:
+            raise ValueError(f"{small[0]}: found {found[small[0]]:g}; must be positive")
+        return found
+
+    # What the design answers.
+
+    @property
+    def modes(self) -> int:
+        """Number of natural frequencies that are shown."""
+        few = len(self.drive.pulleys) <= MOST_VIBRATING
+        return MODES if few and has_inertias(self.drive) else 0
+
+    def answered(self) -> Answered:
+        """The state at the point that is shown, with all derivatives, on the host."""
+        args = *canonical(self.drive, self.point), self._canonical_names, self.modes, BASIS
+        return self._run(answered, *args)
+
+    def _run(self, function: Any, *args: Any) -> Any:
+        """A program's answer on the host; the program is looked for but once."""
+        if function not in self._programs:
+            self._programs[function] = program(function, *args)
+        return jax.device_get(self._programs[function](*args))
+
+    def answer(self) -> dict[str, Any]:
+        """Everything shown, as plain numbers and packed derivatives."""
+        drive, point, found = self.drive, self.point, self.answered()
+        measured = self._run(judged, self.study.canonical, self.names)
+        flat = np.asarray(found.flat)
+        places = answers.fields(drive, flat, self.modes)
+        shown = {name: flat[start : start + size] for name, (start, size) in places.items()}
+        limits = answers.lights(self.study, self.opened.own_constraints, measured)
+        rows = [light.pop("row") for light in limits]
+        numbers = dict(zip(self.names, np.asarray(found.numbers).tolist(), strict=True))
+        numbers |= turns(drive, self.first.drive)
+        objective = np.asarray(measured.slopes.worst)
+        fault = answers.fault(drive, found)
+        return {
+            "fault": fault,
+            "fields": places,
+            "values": plain(flat),
+            "slopes": answers.packed(np.vstack([found.slopes, objective, *rows])),
+            "numbers": numbers,
+            "objective": plain(measured.values.worst) if measured.values.found else None,
+            "limits": limits,
+            "movers": answers.movers(self.units, numbers, objective),
+            "arrows": {}
+            if fault
+            else answers.arrows(drive, self.handles, self.names, objective, shown),
+            "bodies": answers.stops(
+                drive, shown, np.asarray(found.steady.reference.coordinates)
+            ),
+            "warnings": [] if fault else answers.worded_warnings(drive, point, found),
+            "stiff": plain(found.steady.stiffness_ratios),
+            "undo": self.past[-1].what if self.past else "",
+            "redo": self.future[-1].what if self.future else "",
+        }
+
+    def diagnosis(self) -> str:
+        """Why the drive does not run, with the key of its file and what to do; empty: it runs."""
+        found = diagnose(self.drive, self.point, self.answered().steady)
+        return f"{found.key}: {found.message}" if found else ""
+
+    def over_speed(self, handle: str = "") -> dict[str, Any] | None:
+        """Natural frequencies over the driver's speed; None without inertias.
+
+        With derivatives by the numbers of a handle, at most two, or two zeros.
+        """
+        if not self.modes:
+            return None
+        directions = np.zeros((2, len(self.names)))
+        for one in self.handles:
+            if one.key == handle:
+                for row, way in zip(directions, one.names, strict=False):
+                    row[[self.names.index(name) for name in way]] = 1.0
+        speeds = self.speeds()
+        args = (*canonical(self.drive, self.point), self._canonical_names, jnp.asarray(directions),
+                jnp.asarray(speeds), self.modes, _COARSE)  # fmt: skip
+        found = self._run(over_speed, *args)
+        hertz = np.asarray(found.hertz)
+        good = np.isfinite(hertz) & (hertz > 0)
+        return {
+            "speeds": plain(speeds),
+            "hertz": plain(np.where(good, hertz, np.nan)),
+            "slopes": plain(found.slopes),
+        }
+
+    def speeds(self) -> np.ndarray:
+        """The driver's speeds at which frequencies are shown [rad/s]."""
+        fastest = max(self.driver_speeds()) * _FASTEST
+        return np.linspace(0.0, max(fastest, _LEAST_RANGE), SPEEDS + 1)[1:]
+
+    def driver_speeds(self) -> list[float]:
+        """The driver's speed at each operating point [rad/s]."""
+        drive, points = self.drive, self.study.operating.points
+        radius = float(drive.drives @ drive.radii)
+        if points.driver_speed is not None:
+            return np.asarray(points.driver_speed).ravel().tolist()
+        return (np.asarray(points.belt_speed) / radius).ravel().tolist()
+
+
+def _with_point(study: Study, case: int, point: OperatingPoint) -> Study:
+    """`study` with another operating point in that place.
+
+    Raises `ValueError` where it is of another kind than the other points.
+    """
+    if study.cases is None:
+        return dataclasses.replace(study, point=point)
+    before = study.cases.points
+    if jax.tree.structure(before) != jax.tree.structure(point):
+        raise ValueError("the operating points of a study are of one kind; give what it gives")
+    points = jax.tree.map(lambda x, y: x.at[case].set(y), before, point)
+    study = eqx.tree_at(lambda s: s.cases.points, study, points)
+    first = jax.tree.map(lambda x: x[0], points)
+    return dataclasses.replace(study, point=first)
+
+
+__all__ = ["FileError", "Session", "Step", "program"]
