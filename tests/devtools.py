@@ -116,8 +116,9 @@ class Tab:
 
     def pointer(self, kind, x, y, held=True):
         """A pointer's event: mousePressed, mouseMoved or mouseReleased."""
-        self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left" if held else "none",
-                  buttons=int(held and kind != "mouseReleased"), clickCount=1)  # fmt: skip
+        button, buttons = "left" if held else "none", int(held and kind != "mouseReleased")
+        self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button=button,
+                  buttons=buttons, clickCount=1)  # fmt: skip
 
     def drag(self, selector, by, steps=8, pause=0.0, drop=True):
         """Drag an element by so many pixels, in steps."""

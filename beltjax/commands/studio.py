@@ -32,7 +32,9 @@ def _document() -> type["Document"]:
 def studio(file: str, port: int, no_browser: bool) -> None:
     """A page to design on: drag pulleys and see everything move, with the way downhill."""
     if any(importlib.util.find_spec(name) is None for name in _NEEDED):
-        raise click.ClickException("studio: its server is not installed: pip install 'beltjax[studio]'")
+        raise click.ClickException(
+            "studio: its server is not installed: pip install 'beltjax[studio]'"
+        )
     prepare_jax()
     from beltjax.studio.conversation import Conversation
     from beltjax.studio.page_file import open_any

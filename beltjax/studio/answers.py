@@ -47,7 +47,9 @@ def fault(drive: Drive, found: Answered) -> dict[str, Any] | None:
     if drawn is None and bool(succeeded(found.steady.result)):
         drawn = fault_of(drive, found.steady.reference.layout, found.rest_gaps)
     if drawn is not None:
-        return {"pulley": _pulley_in(drive, drawn.key), "key": drawn.key, "text": drawn.message}
+        place = _pulley_in(drive, drawn.key)
+        name = "" if place is None else f"{drive.pulley_names[place]}: "
+        return {"pulley": place, "key": drawn.key, "text": f"{name}{drawn.message}"}
     if bool(succeeded(found.steady.result)):
         return None
     return {"pulley": None, "key": "", "text": explanation(found.steady.result)}
@@ -66,14 +68,15 @@ def lights(study: Study, own: int, found: Judged) -> list[dict[str, Any]]:
     """
     shown, limits = [], study.constraints
     values, slopes = found.values, found.slopes
-    for i, name in enumerate(limits.names):
-        low, high = float(limits.lower[i]), float(limits.upper[i])
+    # Entries of JAX's arrays are taken by programs of their own, which is slow.
+    bounds = zip(*(np.asarray(side).tolist() for side in (limits.lower, limits.upper)), strict=True)
+    for i, (name, (low, high)) in enumerate(zip(limits.names, bounds, strict=True)):
         least, greatest = np.asarray(values.least[i]), np.asarray(values.greatest[i])
         k, m = int(np.argmin(least)), int(np.argmax(greatest))
         lower_is_near = least[k] - low <= high - greatest[m]
         value = least[k] if lower_is_near else greatest[m]
         distance = min(least[k] - low, high - greatest[m])
-        row = slopes.least[i][k] if lower_is_near else slopes.greatest[i][m]
+        row = np.asarray(slopes.least[i])[k] if lower_is_near else np.asarray(slopes.greatest[i])[m]
         size = max(abs(low if lower_is_near else high), 1e-12)
         good = bool(values.found)
         state = "unknown"
@@ -143,7 +146,7 @@ def arrows(
 
 def lever(drive: Drive, body: int, shown: dict[str, np.ndarray]) -> float:
     """From the pivot of a tensioner to the middle of its pulleys, where it rests [m]."""
-    carried = [k for k, p in enumerate(drive.pulleys) if float(p.on[body])]
+    carried = [k for k, p in enumerate(drive.pulleys) if np.asarray(p.on)[body]]
     middle = shown["centers"].reshape(-1, 2)[carried].mean(axis=0)
     return float(np.linalg.norm(middle - shown["pivots"].reshape(-1, 2)[body]))
 
@@ -161,7 +164,7 @@ def stops(
             {
                 "name": body.name,
                 "rotary": rotary,
-                "carries": [k for k, p in enumerate(drive.pulleys) if float(p.on[place])],
+                "carries": [k for k, p in enumerate(drive.pulleys) if np.asarray(p.on)[place]],
                 "at": float(coordinates[place]),
                 "to_least": plain(least),
                 "to_greatest": plain(greatest),

@@ -7,7 +7,7 @@ import numpy as np
 from beltjax.commands.reports.documents import plain
 from beltjax.optimize.study import split_name
 from beltjax.studio.handles import descriptions
-from beltjax.studio.session import Session
+from beltjax.studio.session import TOLERANCES, Session
 
 _USUAL_ORDER = 2.0  # of the firing of four cylinders
 
@@ -44,10 +44,15 @@ def drive_of(session: Session) -> dict[str, Any]:
         "cases": session.cases,
         "speeds": session.driver_speeds(),
         "handles": [
-            {"key": one.key, "kind": one.kind, "label": one.label, "place": one.place,
-             "names": [list(way) for way in one.names]}
+            {
+                "key": one.key,
+                "kind": one.kind,
+                "label": one.label,
+                "place": one.place,
+                "names": [list(way) for way in one.names],
+            }
             for one in session.handles
-        ],  # fmt: skip
+        ],
         "numbers": descriptions(drive, session.names),
         "objective": [
             {"name": name, "weight": float(weight)}
@@ -66,6 +71,8 @@ def drive_of(session: Session) -> dict[str, Any]:
         "modes": session.modes,
         "contact": all(pulley.friction is not None for pulley in drive.pulleys),
         "case": session.case,
+        "tolerances": dict(TOLERANCES) if study.scatter is None else None,
+        "tolerated": list(study.scatter.names) if study.scatter else [],
         "view": (opened.kept or {}).get("view"),
     }
 

@@ -73,10 +73,10 @@ def page_names(drive: Drive, wanted: Sequence[str] = ()) -> tuple[str, ...]:
     return tuple(dict.fromkeys(named))
 
 
-def turns(drive: Drive, first: Drive) -> dict[str, float]:
+def turns(drive: Drive, first: Drive, of: Sequence[Handle]) -> dict[str, float]:
     """By how much each arm of `drive` is turned from where `first` has it [rad], by its key."""
     found = {}
-    for one in handles(drive):
+    for one in of:
         if one.kind == "arm":
             now, then = (_arm(of, one.place) for of in (drive, first))
             cross, dot = then[0] * now[1] - then[1] * now[0], float(then @ now)
@@ -86,7 +86,7 @@ def turns(drive: Drive, first: Drive) -> dict[str, float]:
 
 def _arm(drive: Drive, body: int) -> np.ndarray:
     """From the pivot of a tensioner to the middle of its pulleys, as drawn [m]."""
-    centers = [np.asarray(p.center) for p in drive.pulleys if float(p.on[body])]
+    centers = [np.asarray(p.center) for p in drive.pulleys if np.asarray(p.on)[body]]
     return np.mean(centers, axis=0) - np.asarray(drive.tensioners[body].pivot)
 
 

@@ -124,7 +124,9 @@ def open_texts(texts: Mapping[str, str], path: object, first: str | None = None)
         for name, text in texts.items():
             target = (base / name).resolve()
             if not target.is_relative_to(top) or target == top:
-                raise FileError(path, "files", f"{name}: lies elsewhere; give a name without a path")
+                raise FileError(
+                    path, "files", f"{name}: lies elsewhere; give a name without a path"
+                )
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_text(text, "utf-8")
         own = first or next(iter(texts))

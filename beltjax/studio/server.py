@@ -78,8 +78,7 @@ class Connection:
             if answer is None:
                 return
             await self._send(answer)
-            newer = any(one.get("do") in ("move", "end") for one in self._waiting)
-            if newer and message.get("do") == "move" and self._talk.may_skip():
+            if self._waiting and message.get("do") == "move" and self._talk.may_skip():
                 return
 
     async def _send(self, answer: dict[str, Any]) -> None:

@@ -4,6 +4,7 @@ It knows no browser and no server. All numbers are SI.
 """
 
 import dataclasses
+import operator
 import threading
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -19,7 +20,16 @@ from beltjax.commands.reports.documents import plain
 from beltjax.commands.reports.vibrating import MOST_VIBRATING
 from beltjax.compiling.kept_programs import kept_call
 from beltjax.drive.canonical import canonical
-from beltjax.drive.numbers import canonical_key, full_key, require_numbers, unit_of, with_numbers, with_values
+from beltjax.drive.components import as_real
+from beltjax.drive.numbers import (
+    canonical_key,
+    full_key,
+    number_value,
+    require_numbers,
+    unit_of,
+    with_numbers,
+    with_values,
+)
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
@@ -37,6 +47,9 @@ _COARSE = Legendre(6)  # of the curves over speed: to a pixel
 _FASTEST = 1.2  # times the fastest operating point, up to which they run
 _LEAST_RANGE = 6000 * np.pi / 30  # [rad/s]
 _DEEPEST = 200  # steps that are kept for undoing
+
+# Standard deviations of numbers of a study without tolerances: [m], [m], [rad], relative.
+TOLERANCES = {"center": 1e-4, "radius": 5e-5, "angle": np.pi / 360, "tension": 0.03}
 
 _programs: dict[Any, Any] = {}
 _making = threading.Lock()
@@ -76,10 +89,13 @@ class Session:
         self.opened = opened
         self.study = self.first = opened.study
         self.case = 0
+        self.before: Study | None = None  # a search
+        self.tolerances: dict[str, float] | None = None  # deviations of numbers [SI], if shown
         self.past: list[Step] = []
         self.future: list[Step] = []
         self._dragged: Study | None = None
         self._programs: dict[Any, Any] = {}
+        self._bare, self._parts = opened.study, []
         self.handles = handles(self.drive)
         wanted = [*opened.study.variables.names] if opened.is_study else []
         wanted += opened.study.scatter.names if opened.study.scatter else ()
@@ -121,7 +137,7 @@ class Session:
     @property
     def point(self) -> OperatingPoint:
         """The operating point that is shown."""
-        return jax.tree.map(lambda x: x[self.case], self.study.operating.points)
+        return _point_of(self.study, self.case)
 
     def show(self, case: int) -> None:
         """Show another operating point; raises `ValueError` where there is none."""
@@ -183,9 +199,9 @@ class Session:
     def _changed(self, study: Study, values: Mapping[str, float]) -> Study:
         """`study` with these numbers; angles are counted from the file's drive."""
         named = self._checked(values)
-        turned = turns(study.drive, self.first.drive)
+        turned = turns(study.drive, self.first.drive, self.handles)
         steps = {n: x - turned.get(n, 0.0) for n, x in with_tied(study.ties, named).items()}
-        point = jax.tree.map(lambda x: x[self.case], study.operating.points)
+        point = _point_of(study, self.case)
         drive, after = with_numbers(study.drive, point, jax.tree.map(jnp.asarray, steps))
         study = eqx.tree_at(lambda s: s.drive, study, drive)
         if not any(name.startswith("operation.") for name in named):
@@ -217,30 +233,39 @@ class Session:
         args = *canonical(self.drive, self.point), self._canonical_names, self.modes, BASIS
         return self._run(answered, *args)
 
+    def _canonical_study(self) -> Study:
+        """`study.canonical`; all but the drive, which is dragged, is made once."""
+        parts = jax.tree.leaves((self.study.cases, self.study.point))
+        if len(parts) != len(self._parts) or any(map(operator.is_not, parts, self._parts)):
+            self._bare, self._parts = self.study.canonical, parts
+        drive = jax.tree.map(as_real, self.drive)
+        return eqx.tree_at(lambda s: s.drive, self._bare, drive)
+
     def _run(self, function: Any, *args: Any) -> Any:
-        """A program's answer on the host; the program is looked for but once."""
+        """A program's answer; the program is looked for but once."""
         if function not in self._programs:
             self._programs[function] = program(function, *args)
-        return jax.device_get(self._programs[function](*args))
+        return jax.block_until_ready(self._programs[function](*args))
 
     def answer(self) -> dict[str, Any]:
         """Everything shown, as plain numbers and packed derivatives."""
         drive, point, found = self.drive, self.point, self.answered()
-        measured = self._run(judged, self.study.canonical, self.names)
+        measured = self._run(judged, self._canonical_study(), self.names)
         flat = np.asarray(found.flat)
         places = answers.fields(drive, flat, self.modes)
         shown = {name: flat[start : start + size] for name, (start, size) in places.items()}
         limits = answers.lights(self.study, self.opened.own_constraints, measured)
         rows = [light.pop("row") for light in limits]
         numbers = dict(zip(self.names, np.asarray(found.numbers).tolist(), strict=True))
-        numbers |= turns(drive, self.first.drive)
+        numbers |= turns(drive, self.first.drive, self.handles)
         objective = np.asarray(measured.slopes.worst)
         fault = answers.fault(drive, found)
+        derivatives = np.vstack([found.slopes, objective, *rows])
         return {
             "fault": fault,
             "fields": places,
             "values": plain(flat),
-            "slopes": answers.packed(np.vstack([found.slopes, objective, *rows])),
+            "slopes": answers.packed(derivatives),
             "numbers": numbers,
             "objective": plain(measured.values.worst) if measured.values.found else None,
             "limits": limits,
@@ -248,14 +273,58 @@ class Session:
             "arrows": {}
             if fault
             else answers.arrows(drive, self.handles, self.names, objective, shown),
-            "bodies": answers.stops(
-                drive, shown, np.asarray(found.steady.reference.coordinates)
-            ),
+            "bodies": answers.stops(drive, shown, np.asarray(found.steady.reference.coordinates)),
             "warnings": [] if fault else answers.worded_warnings(drive, point, found),
             "stiff": plain(found.steady.stiffness_ratios),
+            "bands": self._bands(derivatives),
             "undo": self.past[-1].what if self.past else "",
             "redo": self.future[-1].what if self.future else "",
         }
+
+    def _bands(self, slopes: np.ndarray) -> list[float] | None:
+        """Standard deviation of everything shown, by its derivatives; None: not wanted."""
+        if self.tolerances is None:
+            return None
+        sizes = np.array([self.tolerances.get(name, 0.0) for name in self.names])
+        return plain(np.sqrt(np.sum((slopes * sizes) ** 2, axis=1)))
+
+    def show_bands(self, sizes: Mapping[str, float] | None) -> None:
+        """Show what tolerances do, or with None stop it.
+
+        They are the study's own where it has some; else those of centers and radii [m], angles
+        [rad] and, relative, tensions, by the words of `TOLERANCES`, which `sizes` may change.
+
+        Raises `ValueError` for a size that is not a number from 0 on, or that is of nothing.
+        """
+        if sizes is None:
+            self.tolerances = None
+            return
+        chosen = TOLERANCES | {word: float(size) for word, size in sizes.items()}
+        bad = [w for w, x in chosen.items() if w not in TOLERANCES or not 0 <= x < np.inf]
+        if bad:
+            known = ", ".join(TOLERANCES)
+            raise ValueError(f"tolerance {bad[0]!r}: give a number from 0 on to one of {known}")
+        scatter = self.first.scatter
+        if scatter is not None:
+            each = zip(scatter.names, scatter.tolerances, strict=True)
+            self.tolerances = {full_key(self.drive, n): float(one.standard) for n, one in each}
+            return
+        self.tolerances = {}
+        for name in self.names:
+            if ".center." in name or ".pivot." in name:
+                self.tolerances[name] = chosen["center"]
+            elif name.endswith(".radius"):
+                self.tolerances[name] = chosen["radius"]
+            elif name.endswith(".angle"):
+                self.tolerances[name] = chosen["angle"]
+            elif name.startswith("installation.tension"):
+                value = number_value(self.drive, self.point, name)
+                self.tolerances[name] = chosen["tension"] * float(value)
+
+    def fault(self) -> str:
+        """Why the design cannot be built or does not run; empty where it is good."""
+        found = answers.fault(self.drive, self.answered())
+        return found["text"] if found else ""
 
     def diagnosis(self) -> str:
         """Why the drive does not run, with the key of its file and what to do; empty: it runs."""
@@ -298,6 +367,13 @@ class Session:
         if points.driver_speed is not None:
             return np.asarray(points.driver_speed).ravel().tolist()
         return (np.asarray(points.belt_speed) / radius).ravel().tolist()
+
+
+def _point_of(study: Study, case: int) -> OperatingPoint:
+    """One of the operating points of a study."""
+    points = study.operating.points
+    # By NumPy: entries of JAX's arrays are taken by programs of their own, which is slow.
+    return jax.tree.map(lambda x: jnp.asarray(np.asarray(x)[case]), points)
 
 
 def _with_point(study: Study, case: int, point: OperatingPoint) -> Study:

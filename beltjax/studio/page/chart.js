@@ -37,10 +37,10 @@ export function chart(box, view) {
     const line = hertz.map((row, s) => [speeds[s], row[m]]).filter(([, value]) => value !== null);
     svg.append(drawn("polyline", { class: "mode", points: line.map(([rpm, value]) => `${x(rpm)},${y(value)}`).join(" ") }));
   }
-  const now = part(view, "frequencies"), start = page.answer.fields.frequencies[0];
+  const now = part(view, "frequencies"), start = page.told.fields.frequencies[0];
   now.forEach((value, k) => {
-    if (page.bands && page.answer.bands) {
-      const off = 3 * page.answer.bands[start + k];
+    if (page.bands && page.told.bands) {
+      const off = 3 * page.told.bands[start + k];
       svg.append(drawn("line", { class: "band", x1: x(here), x2: x(here), y1: y(value - off), y2: y(value + off) }));
     }
     svg.append(drawn("circle", { class: "dot", cx: x(here), cy: y(value), r: 2.6, "data-key": `frequencies:${k}`, "data-value": value }));

@@ -3,13 +3,14 @@
 import { page, seen, predicted, unpacked, element } from "./state.js";
 import { draw, fit } from "./layout.js";
 import { begin as beginDragging, showExact, refreshFields } from "./drag.js";
-import { panels, allNumbers, searchPanel } from "./panels.js";
+import { panels, allNumbers, searchPanel, tolerancePanel } from "./panels.js";
 import { forgetSettings } from "./chart.js";
 
 const at = (id) => document.getElementById(id);
 page.sentAt = new Map();
 page.delays = []; // from the pointer's move to the true answer on the page [ms]
-let socket = null, waiting = false;
+let socket = null, waiting = false, told = 0;
+const EASE = 60; // [ms] between two drawings of the tables while something is dragged
 
 function say(message) {
   if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
@@ -21,6 +22,14 @@ function redraw() {
   requestAnimationFrame(() => {
     waiting = false;
     draw();
+    // The picture follows the pointer at every frame, the tables as fast as they are read.
+    const now = performance.now();
+    if (page.held && now - told < EASE) {
+      clearTimeout(page.later);
+      page.later = setTimeout(redraw, EASE);
+      return;
+    }
+    told = now;
     panels();
     refreshFields();
   });
@@ -88,6 +97,8 @@ const heard = {
       fit();
       allNumbers();
       showExact();
+      tolerancePanel(say);
+      if (page.bands) say({ do: "bands", on: true, sizes: page.drive.tolerances ?? {} });
     }
     tabs();
     if (!answer.moving && at("show-contact").checked && !answer.fault) say({ do: "contact" });
@@ -104,6 +115,7 @@ const heard = {
   },
   search(found) {
     if (found.state === "begun") page.before = page.good;
+    page.searching = found.state !== "ended";
     at("stop").hidden = found.state === "ended";
     at("optimize").disabled = found.state !== "ended" || !page.drive.isStudy;
     searchPanel(found);
@@ -173,7 +185,8 @@ function listen() {
   at("show-contact").addEventListener("change", () => { if (at("show-contact").checked) say({ do: "contact" }); redraw(); });
   at("show-bands").addEventListener("change", () => {
     page.bands = at("show-bands").checked;
-    say({ do: "bands", on: page.bands });
+    tolerancePanel(say);
+    say({ do: "bands", on: page.bands, sizes: page.drive.tolerances ?? {} });
   });
   addEventListener("keydown", (event) => {
     if (!(event.ctrlKey || event.metaKey) || event.target.matches("input")) return;

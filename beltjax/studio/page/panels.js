@@ -1,6 +1,6 @@
 // The numbers beside the picture. Each cell that a machine may check holds its value in data-value.
 
-import { page, part, points, element, drawn, digits, unit } from "./state.js";
+import { page, seen, part, points, element, drawn, digits, unit } from "./state.js";
 import { chart } from "./chart.js";
 import { field } from "./drag.js";
 
@@ -8,12 +8,15 @@ const at = (id) => document.getElementById(id);
 const cell = (value, shown, key) => element("td", { "data-value": value, "data-key": key }, shown);
 
 export function panels() {
-  const view = page.view;
-  if (!view || !page.drive) return;
-  objective(view);
+  if (!page.view || !page.drive) return;
+  // Of a layout that cannot be built the numbers of the last one that can be are kept.
+  const kept = page.view.fault !== null;
+  page.told = kept ? page.good : page.answer;
+  if (!page.told) return at("objective").replaceChildren(element("p", {}, "There are no numbers before there is a layout that can be built."));
+  const view = kept ? seen(page.good) : page.view;
+  objective(view, kept);
   limits(view);
   warnings();
-  if (view.fault) return;
   gamma(view);
   chart(at("speeds"), view);
   spans(view);
@@ -22,29 +25,29 @@ export function panels() {
 }
 
 // Half the width of the band of an entry, 3 deviations; null where none is shown.
-const band = (row) => (page.bands && page.answer.bands ? 3 * page.answer.bands[row] : null);
+const band = (row) => (page.bands && page.told.bands ? 3 * page.told.bands[row] : null);
 const around = (row, factor = 1) => {
   const wide = band(row);
   return wide === null ? "" : ` ± ${digits(wide * factor, 2)}`;
 };
-const rowOf = (name, k = 0) => page.answer.fields[name][0] + k;
+const rowOf = (name, k = 0) => page.told.fields[name][0] + k;
 
-function objective(view) {
-  const size = page.answer.values.length, start = page.start ? page.start.objective : null;
+function objective(view, kept) {
+  const size = page.told.values.length, start = page.start ? page.start.objective : null;
   const gained = view.objective !== null && start !== null ? view.objective - start : null;
   const words = page.drive.objective.map((one) => (one.weight === 1 ? one.name : `${digits(one.weight, 3)} ${one.name}`)).join(" + ");
   at("objective").replaceChildren(
     element("h2", {}, `Objective: ${words}`),
     element("span", { class: "big", "data-value": view.objective, "data-key": "objective" }, digits(view.objective, 6) + around(size)),
     element("span", { class: gained > 0 ? "bad" : "good" }, gained === null ? "" : `  ${gained > 0 ? "+" : ""}${digits(gained, 4)} since opened`),
-    element("p", { class: "quiet", "data-prediction": !view.true }, view.fault ? "Numbers of the last layout that can be built."
+    element("p", { class: "quiet", "data-prediction": !view.true }, kept ? "Numbers of the last layout that can be built."
       : view.true ? "True values." : "By the derivatives of the last true values."),
   );
 }
 
 function limits(view) {
-  if (!page.answer.limits.length) return;
-  const rows = page.answer.limits.map((one, k) => {
+  if (!page.told.limits.length) return;
+  const rows = page.told.limits.map((one, k) => {
     const [factor, shown] = unit(one.unit, true), value = view.limits[k];
     let distance = null, state = "unknown";
     if (value !== null) {
@@ -52,7 +55,7 @@ function limits(view) {
       const limit = one.side === "lower" ? one.lower : one.upper;
       state = distance < 0 ? "missed" : distance < 0.05 * Math.max(Math.abs(limit), 1e-12) ? "near" : "met";
     }
-    const size = page.answer.values.length + 1 + k;
+    const size = page.told.values.length + 1 + k;
     const range = `${one.lower === null ? "" : digits(one.lower * factor, 4)} … ${one.upper === null ? "" : digits(one.upper * factor, 4)}`;
     return element("tr", { "data-limit": one.quantity, "data-state": state },
       element("td", {}, element("span", { class: `lamp ${state}`, role: "img", "aria-label": state }), ` ${one.quantity}${one.implied ? " (to be built)" : ""}`),
@@ -103,12 +106,12 @@ function pulleys(view) {
 }
 
 function movers() {
-  const rows = page.answer.movers.map((one) => element("tr", {}, element("td", {}, one.name), cell(one.change, `${one.change > 0 ? "+" : ""}${digits(one.change, 3)}`, `mover:${one.name}`), element("td", {}, `per ${one.per}`)));
+  const rows = page.told.movers.map((one) => element("tr", {}, element("td", {}, one.name), cell(one.change, `${one.change > 0 ? "+" : ""}${digits(one.change, 3)}`, `mover:${one.name}`), element("td", {}, `per ${one.per}`)));
   at("movers").replaceChildren(element("h2", {}, "What moves the objective most"), table(["number", "change", ""], rows));
 }
 
 function warnings() {
-  const texts = page.answer.warnings;
+  const texts = page.told.warnings;
   at("warnings").replaceChildren(...(texts.length ? [element("h2", {}, "Warnings"), ...texts.map((text) => element("p", { class: "warning" }, text))] : []));
 }
 
@@ -142,4 +145,28 @@ function progress(path) {
   const line = path.map((value, k) => `${(wide * k) / (path.length - 1)},${4 + (high - 8) * (1 - (value - low) / size)}`).join(" ");
   return drawn("svg", { viewBox: `0 0 ${wide} ${high}`, width: wide, height: high, role: "img", "aria-label": "objective over the iterations" },
     drawn("polyline", { points: line, fill: "none", stroke: "#0072b2", "stroke-width": 2 }));
+}
+
+const WORDS = { center: ["centers and pivots", 1e3, "mm"], radius: ["radii", 1e3, "mm"], angle: ["arm's angle", 180 / Math.PI, "°"], tension: ["tension", 100, "%"] };
+
+// The standard deviations behind the band; those of a study with tolerances are the study's.
+export function tolerancePanel(say) {
+  const box = at("tolerances");
+  box.hidden = !page.bands;
+  if (box.hidden) return;
+  const head = element("h2", {}, "Tolerances: bands of 3 standard deviations, by the derivatives");
+  if (!page.drive.tolerances) {
+    box.replaceChildren(head, element("p", { class: "quiet" }, `Those of the study: ${page.drive.tolerated.join(", ")}.`));
+    return;
+  }
+  const fields = Object.entries(WORDS).map(([word, [label, factor, shown]]) => {
+    const input = element("input", { class: "field", inputmode: "decimal", "data-tolerance": word, "aria-label": `standard deviation of ${label} in ${shown}` });
+    input.value = String(Number((page.drive.tolerances[word] * factor).toPrecision(6)));
+    input.addEventListener("change", () => {
+      page.drive.tolerances[word] = Number(input.value) / factor;
+      say({ do: "bands", on: true, sizes: page.drive.tolerances });
+    });
+    return element("p", {}, element("label", {}, `${label} `, input, ` ${shown}`));
+  });
+  box.replaceChildren(head, ...fields);
 }
