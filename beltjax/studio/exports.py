@@ -52,7 +52,8 @@ def exported(session: Session, kind: str, view: Mapping[str, Any] | None = None)
 
 def _export(session: Session, ending: str, content: bytes) -> Export:
     plain = re.sub(r"[^A-Za-z0-9_-]+", "_", session.study.name).strip("_") or "drive"
-    return Export(f"{plain}{ending}", _MIME[Path(ending).suffix], content)
+    name = f"{plain}{ending}"
+    return Export(name, _MIME[Path(name).suffix], content)
 
 
 def _toml(session: Session) -> bytes:

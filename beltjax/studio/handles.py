@@ -16,6 +16,7 @@ from beltjax.drive.numbers import (
     unit_of,
     variable_names,
 )
+from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 
 _ANGLE = ".angle"
@@ -60,16 +61,18 @@ def handles(drive: Drive) -> tuple[Handle, ...]:
     return tuple(found)
 
 
-def page_names(drive: Drive, wanted: Sequence[str] = ()) -> tuple[str, ...]:
+def page_names(drive: Drive, point: OperatingPoint, wanted: Sequence[str] = ()) -> tuple[str, ...]:
     """Keys of the numbers by which everything on the page is differentiated.
 
-    Those that are dragged, all that a study may choose, the `wanted` ones, speed and torques. The
-    length of an arm and a preload follow from others and are there where they are wanted.
+    Those that are dragged, all that a study may choose, the `wanted` ones, torques and the speed
+    that `point` gives. The length of an arm and a preload follow from others and are there where
+    they are wanted.
     """
     dragged = [name for one in handles(drive) for way in one.names for name in way]
     chosen = [n for n in variable_names(drive) if not is_relative(n) or n.endswith(_ANGLE)]
     running = [n for n in number_names(drive) if n.startswith("operation.torque.")]
-    named = [full_key(drive, n) for n in (*dragged, *chosen, *wanted, SPEEDS[1], *running)]
+    speed = SPEEDS[0] if point.driver_speed is None else SPEEDS[1]
+    named = [full_key(drive, n) for n in (*dragged, *chosen, *wanted, speed, *running)]
     return tuple(dict.fromkeys(named))
 
 

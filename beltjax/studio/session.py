@@ -22,6 +22,7 @@ from beltjax.compiling.kept_programs import kept_call
 from beltjax.drive.canonical import canonical
 from beltjax.drive.components import as_real
 from beltjax.drive.numbers import (
+    SPEEDS,
     canonical_key,
     full_key,
     number_value,
@@ -42,7 +43,7 @@ from beltjax.studio.handles import handles, page_names, turns
 from beltjax.studio.opened import Opened
 from beltjax.studio.programs import Answered, answered, judged, over_speed
 
-SPEEDS = 12  # of the driver at which frequencies are shown
+_SHOWN_SPEEDS = 12  # of the driver at which frequencies are shown
 _COARSE = Legendre(6)  # of the curves over speed: to a pixel
 _FASTEST = 1.2  # times the fastest operating point, up to which they run
 _LEAST_RANGE = 6000 * np.pi / 30  # [rad/s]
@@ -99,7 +100,7 @@ class Session:
         self.handles = handles(self.drive)
         wanted = [*opened.study.variables.names] if opened.is_study else []
         wanted += opened.study.scatter.names if opened.study.scatter else ()
-        self.names = page_names(self.drive, wanted)
+        self.names = page_names(self.drive, self.point, wanted)
         # What walks over the whole drive is done once: names do not change while it is dragged.
         self.units = {name: unit_of(self.drive, name) for name in self.names}
         self._canonical_names = tuple(canonical_key(self.drive, name) for name in self.names)
@@ -212,6 +213,9 @@ class Session:
         found = {full_key(self.drive, name): float(value) for name, value in values.items()}
         if not found.keys() <= self.units.keys():
             require_numbers(self.drive, list(found))
+        for own, other in (SPEEDS, SPEEDS[::-1]):
+            if other in found and own in self.units:
+                raise ValueError(f"{other}: the file gives {own}; change that one")
         bad = [name for name, value in found.items() if not np.isfinite(value)]
         if bad:
             raise ValueError(f"{bad[0]}: found {found[bad[0]]}; give a finite number")
@@ -358,7 +362,7 @@ class Session:
     def speeds(self) -> np.ndarray:
         """The driver's speeds at which frequencies are shown [rad/s]."""
         fastest = max(self.driver_speeds()) * _FASTEST
-        return np.linspace(0.0, max(fastest, _LEAST_RANGE), SPEEDS + 1)[1:]
+        return np.linspace(0.0, max(fastest, _LEAST_RANGE), _SHOWN_SPEEDS + 1)[1:]
 
     def driver_speeds(self) -> list[float]:
         """The driver's speed at each operating point [rad/s]."""
