@@ -54,8 +54,10 @@ class Tab:
         from websockets.sync.client import connect
 
         ask = urllib.request.Request(f"{at}/json/new?about:blank", method="PUT")
+        self._open = contextlib.ExitStack()
         with urllib.request.urlopen(ask) as answer:
-            self._socket = connect(json.load(answer)["webSocketDebuggerUrl"], max_size=2**27)
+            address_of_tab = json.load(answer)["webSocketDebuggerUrl"]
+        self._socket = self._open.enter_context(connect(address_of_tab, max_size=2**27))
         self._count, self.problems, self.requests, self.downloads = 0, [], [], []
         for domain in ("Page", "Runtime", "Network", "Log"):
             self.call(f"{domain}.enable")
@@ -70,7 +72,7 @@ class Tab:
     def __exit__(self, *_):
         with contextlib.suppress(Exception):
             self.call("Page.close")
-        self._socket.close()
+        self._open.close()
 
     def call(self, method, **given):
         """The result of a method of the protocol."""

@@ -18,7 +18,7 @@ from beltjax.optimize.quantities import find_quantity
 from beltjax.optimize.study import Study, split_name
 from beltjax.results import explanation, succeeded
 from beltjax.studio.handles import Handle
-from beltjax.studio.programs import Answered, Judged, Readout
+from beltjax.studio.programs import Answered, JudgedStudy, Readout
 
 _LARGEST = 12  # numbers listed as those that move the objective most
 _STEPS = {"m": 1e-3, "rad": math.pi / 180}  # changes that a person means by "a little" [SI]
@@ -61,7 +61,7 @@ def _pulley_in(drive: Drive, key: str) -> int | None:
     return drive.pulley(max(names, key=len)) if names else None
 
 
-def lights(study: Study, own: int, found: Judged) -> list[dict[str, Any]]:
+def lights(study: Study, own: int, found: JudgedStudy) -> list[dict[str, Any]]:
     """Each limit: the part of its quantity that is closest to it, and how far that is.
 
     `row` holds that part's derivatives by the page's numbers.

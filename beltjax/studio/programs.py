@@ -142,14 +142,14 @@ def answered(
     )
 
 
-class Judged(NamedTuple):
+class JudgedStudy(NamedTuple):
     """Objective and limited quantities of a study's drive, and their derivatives."""
 
     values: Measured
     slopes: Measured  # [..., numbers], without `found`
 
 
-def judged(study: Study, names: Names) -> Judged:
+def judged(study: Study, names: Names) -> JudgedStudy:
     """What a canonical study measures of its drive, and its derivatives by `names`.
 
     Numbers of operation are those of the study's points, and have no derivatives here.
@@ -170,7 +170,7 @@ def judged(study: Study, names: Names) -> Judged:
     spread = [jnp.append(leaf, jnp.zeros_like(leaf[..., :1]), axis=-1)[..., places]
               for leaf in jax.tree.leaves(slopes)]  # fmt: skip
     named = jax.tree.unflatten(jax.tree.structure(slopes), spread)
-    return Judged(values, Measured(*named, found=values.found))
+    return JudgedStudy(values, Measured(*named, found=values.found))
 
 
 class OverSpeed(NamedTuple):

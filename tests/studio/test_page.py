@@ -1,5 +1,6 @@
 """The page in a real browser: dragged by a pointer, typed on, and shut to everyone else."""
 
+import contextlib
 import http.client
 import json
 import os
@@ -36,7 +37,10 @@ class Served:
     def end(self):
         """What Ctrl-C does: the exit status."""
         self.process.send_signal(signal.SIGINT)
-        return self.process.wait(20)
+        try:
+            return self.process.wait(20)
+        finally:
+            self.process.stdout.close()
 
 
 @pytest.fixture(scope="module")
@@ -281,13 +285,13 @@ def test_two_pages_at_once_do_not_disturb_each_other(at, served):
 
 def asked(served, path="/", **headers):
     connection = http.client.HTTPConnection("127.0.0.1", served.port, timeout=20)
-    connection.putrequest("GET", path, skip_host=True)
-    for name, value in headers.items():
-        connection.putheader(name.replace("_", "-"), value)
-    connection.endheaders()
-    answer = connection.getresponse()
-    answer.read()
-    return answer
+    with contextlib.closing(connection):
+        connection.putrequest("GET", path, skip_host=True)
+        for name, value in headers.items():
+            connection.putheader(name.replace("_", "-"), value)
+        connection.endheaders()
+        with connection.getresponse() as answer:
+            return answer
 
 
 def test_it_answers_no_other_page_and_no_other_name(served):
