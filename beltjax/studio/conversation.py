@@ -83,6 +83,8 @@ class Conversation:
             yield from act(self, message)
         except (ValueError, KeyError, TypeError, FileError) as error:
             yield {"is": "error", "text": str(error.args[0] if error.args else error)}
+        except Exception as error:  # whatever it is, the page goes on with the last good design
+            yield {"is": "error", "text": f"{type(error).__name__}: {error}"}
 
     def _hello(self, message: dict[str, Any]) -> Iterator[dict[str, Any]]:
         yield {"is": "drive"} | described.drive_of(self.session)

@@ -42,7 +42,6 @@ def drive_of(session: Session) -> dict[str, Any]:
         ],
         "travel": plain(session.point.travel),
         "cases": session.cases,
-        "speeds": session.driver_speeds(),
         "handles": [
             {
                 "key": one.key,

@@ -279,7 +279,7 @@ class Session:
             else answers.arrows(drive, self.handles, self.names, objective, shown),
             "bodies": answers.stops(drive, shown, np.asarray(found.steady.reference.coordinates)),
             "warnings": [] if fault else answers.worded_warnings(drive, point, found),
-            "stiff": plain(found.steady.stiffness_ratios),
+            "driver_speed": self.driver_speeds()[self.case],
             "bands": self._bands(derivatives),
             "undo": self.past[-1].what if self.past else "",
             "redo": self.future[-1].what if self.future else "",

@@ -17,7 +17,7 @@ function curves(view) {
 export function chart(box, view) {
   if (!page.curves) return box.replaceChildren();
   const hertz = curves(view), speeds = page.curves.speeds.map((one) => one * RPM);
-  const orders = page.orders, idle = page.idle, here = page.drive.speeds[page.case] * RPM;
+  const orders = page.orders, idle = page.idle, here = page.told.driver_speed * RPM;
   const right = speeds[speeds.length - 1], all = hertz.flat().filter((value) => value !== null);
   const top = 1.05 * Math.max(...all, 1);
   const x = (rpm) => LEFT + ((WIDE - LEFT - RIGHT) * rpm) / right, y = (value) => HIGH - BOTTOM - ((HIGH - BOTTOM - TOP) * value) / top;

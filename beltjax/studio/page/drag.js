@@ -32,7 +32,6 @@ function select(handle) {
 function press(event) {
   const handle = handleAt(event);
   if (!handle || !page.answer || page.held || page.searching || event.button) return;
-  page.before = null;
   const one = event.target.closest("[data-handle]");
   one.setPointerCapture(event.pointerId);
   const centers = points(page.view, "centers"), at = under(event);
@@ -95,7 +94,6 @@ function key(event) {
   if (!handle || !way || !page.answer || page.held) return;
   event.preventDefault();
   if (page.searching) return;
-  page.before = null;
   const grid = Number(document.getElementById("snap").value) || 0.1;
   const by = grid * (event.shiftKey ? 10 : 1), values = {};
   const single = handle.names.length === 1;

@@ -12,7 +12,10 @@ page.delays = []; // from the pointer's move to the true answer on the page [ms]
 let socket = null, waiting = false, told = 0;
 const EASE = 60; // [ms] between two drawings of the tables while something is dragged
 
+const CHANGES = ["begin", "set", "undo", "redo", "case", "open"];
+
 function say(message) {
+  if (CHANGES.includes(message.do)) page.before = null;
   if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message));
 }
 
@@ -49,7 +52,7 @@ const heard = {
   status: ({ text }) => status(text),
   error: ({ text }) => complain(text),
   drive(drive) {
-    Object.assign(page, { drive, answer: null, good: null, start: null, curves: null, contact: null, view: null, held: null, selected: null, before: null });
+    Object.assign(page, { drive, answer: null, good: null, starts: {}, curves: null, contact: null, view: null, held: null, selected: null, before: null, searching: false });
     page.orders = drive.view?.orders ?? drive.orders;
     page.idle = drive.view?.idle ?? (drive.idle * 30) / Math.PI;
     page.case = drive.case ?? 0;
@@ -69,13 +72,18 @@ const heard = {
     tabs();
     status("compiling for this drive; the first time on a machine takes a minute");
     page.fresh = true;
+    page.began = null;
+    page.start = null;
   },
   answer(answer) {
     answer.slopes = unpacked(answer.slopes);
     page.answer = answer;
     page.case = answer.case;
     if (!answer.fault) page.good = answer;
-    page.start = page.start ?? answer;
+    // Each operating point as it was when nothing had been changed yet.
+    if (!answer.undo && !answer.moving && !answer.fault) page.starts[answer.case] = answer;
+    page.start = page.starts[answer.case];
+    page.began = page.began ?? answer.objective;
     if (answer.of && page.sentAt.has(answer.of)) {
       page.delays.push(performance.now() - page.sentAt.get(answer.of));
       for (const one of [...page.sentAt.keys()]) if (one <= answer.of) page.sentAt.delete(one);

@@ -33,7 +33,7 @@ const around = (row, factor = 1) => {
 const rowOf = (name, k = 0) => page.told.fields[name][0] + k;
 
 function objective(view, kept) {
-  const size = page.told.values.length, start = page.start ? page.start.objective : null;
+  const size = page.told.values.length, start = page.began;
   const gained = view.objective !== null && start !== null ? view.objective - start : null;
   const words = page.drive.objective.map((one) => (one.weight === 1 ? one.name : `${digits(one.weight, 3)} ${one.name}`)).join(" + ");
   at("objective").replaceChildren(

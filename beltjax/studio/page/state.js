@@ -4,7 +4,9 @@ export const page = {
   drive: null, // names, handles, limits: what does not change while something is dragged
   answer: null, // the last true one, with its derivatives
   good: null, // the last one of a layout that can be built
-  start: null, // the one of the file as it was opened
+  starts: {}, // those of the file as it was opened, by operating point
+  start: null, // that of the point which is shown
+  began: null, // its objective
   curves: null, // frequencies over speed
   contact: null, // arcs, of the design for which they were asked
   view: null, // what is shown: the answer, or what its derivatives make of it
