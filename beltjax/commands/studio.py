@@ -46,4 +46,4 @@ def studio(file: str, port: int, no_browser: bool) -> None:
     except OSError as error:
         message = f"--port: {port} cannot be used ({error.strerror}); give another, or none"
         raise click.ClickException(message) from error
-    serve(lambda: Conversation(opened), at, not no_browser)
+    serve(lambda: Conversation(opened, patient=False), at, not no_browser)

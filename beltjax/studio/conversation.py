@@ -43,12 +43,18 @@ class Conversation:
     dictionary with the key "do".
     """
 
-    def __init__(self, opened: Opened):
-        self.session = Session(opened)
+    def __init__(self, opened: Opened, patient: bool = True):
+        self._patient = patient
+        self.session = self._begun(opened)
         self._tell: Tell = lambda answer: None
         self._curves_at = 0.0
         self._search: Searching | None = None
         self._thread: threading.Thread | None = None
+
+    def _begun(self, opened: Opened) -> Session:
+        session = Session(opened)
+        session.judge.patient = self._patient
+        return session
 
     def listen(self, tell: Tell) -> None:
         """Have what is not an answer to a message sent by `tell`, from any thread."""
@@ -88,6 +94,20 @@ class Conversation:
 
     def _hello(self, message: dict[str, Any]) -> Iterator[dict[str, Any]]:
         yield {"is": "drive"} | described.drive_of(self.session)
+        yield from self._shown(message)
+        if not self.session.judge.ready:
+            threading.Thread(target=self._prepare, args=(self.session,), daemon=True).start()
+
+    def _prepare(self, session: Session) -> None:
+        """Compile what judges a session's designs, and have the page ask for it."""
+        try:
+            session.judge.prepare(session.canonical_study())
+        except Exception as error:  # the page goes on without limits
+            self._tell({"is": "error", "text": f"limits: {type(error).__name__}: {error}"})
+            return
+        self._tell({"is": "ready"})
+
+    def _show(self, message: dict[str, Any]) -> Iterator[dict[str, Any]]:
         yield from self._shown(message)
 
     def _begin(self, message: dict[str, Any]) -> Iterator[dict[str, Any]]:
@@ -141,7 +161,7 @@ class Conversation:
 
     def _open(self, message: dict[str, Any]) -> Iterator[dict[str, Any]]:
         texts = {str(name): str(text) for name, text in dict(message["files"]).items()}
-        self.session = Session(_opened(texts))
+        self.session = self._begun(_opened(texts))
         yield from self._hello(message)
 
     def _optimize(self, message: dict[str, Any]) -> Iterator[dict[str, Any]]:
@@ -194,14 +214,20 @@ class Conversation:
         for answer in self._shown({"do": "optimized"}):
             self._tell(answer)
 
+    def _answer(self, message: dict[str, Any], moving: bool) -> dict[str, Any]:
+        begun = time.monotonic()
+        answer = self.session.answer(moving)
+        took = 1e3 * (time.monotonic() - begun)
+        about = {"case": self.session.case, "of": message.get("number"), "took": took}
+        return {"is": "answer", "moving": moving} | about | answer
+
     def _shown(self, message: dict[str, Any]) -> Iterator[dict[str, Any]]:
         """The state and, after it, the curves over speed."""
-        begun = time.monotonic()
-        answer = self.session.answer()
-        took = 1e3 * (time.monotonic() - begun)
         moving = message.get("do") == "move"
-        about = {"case": self.session.case, "of": message.get("number"), "took": took}
-        yield {"is": "answer", "moving": moving} | about | answer
+        if self.session.judge.slow and not moving:
+            yield self._answer(message, moving=True)
+        answer = self._answer(message, moving)
+        yield answer
         if answer["fault"] and not answer["fault"]["key"] and not moving:
             text = self.session.diagnosis()
             if text:
@@ -293,6 +319,7 @@ def _numbers(message: dict[str, Any]) -> dict[str, float]:
 
 _ACTS: dict[str, Callable[[Conversation, dict[str, Any]], Iterator[dict[str, Any]]]] = {
     "hello": Conversation._hello,
+    "show": Conversation._show,
     "begin": Conversation._begin,
     "move": Conversation._move,
     "end": Conversation._end,

@@ -5,7 +5,6 @@ It knows no browser and no server. All numbers are SI.
 
 import dataclasses
 import operator
-import threading
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -18,7 +17,6 @@ from beltjax.analysis.linearization import has_inertias
 from beltjax.commands.reports.diagnosis import diagnose
 from beltjax.commands.reports.documents import plain
 from beltjax.commands.reports.vibrating import MOST_VIBRATING
-from beltjax.compiling.kept_programs import kept_call
 from beltjax.drive.canonical import canonical
 from beltjax.drive.components import as_real
 from beltjax.drive.numbers import (
@@ -39,11 +37,13 @@ from beltjax.optimize.drive_analyses import BASIS, MODES
 from beltjax.optimize.problem import with_tied
 from beltjax.optimize.study import Study
 from beltjax.studio import answers
+from beltjax.studio.compiled import program
 from beltjax.studio.handles import handles, page_names, turns
+from beltjax.studio.judging import Judge
 from beltjax.studio.opened import Opened
-from beltjax.studio.programs import Answered, answered, judged, over_speed
+from beltjax.studio.programs import Answered, answered, over_speed
 
-_SHOWN_SPEEDS = 12  # of the driver at which frequencies are shown
+_SHOWN_SPEEDS = 16  # of the driver at which frequencies are shown
 _COARSE = Legendre(6)  # of the curves over speed: to a pixel
 _FASTEST = 1.2  # times the fastest operating point, up to which they run
 _LEAST_RANGE = 6000 * np.pi / 30  # [rad/s]
@@ -51,25 +51,6 @@ _DEEPEST = 200  # steps that are kept for undoing
 
 # Standard deviations of numbers of a study without tolerances: [m], [m], [rad], relative.
 TOLERANCES = {"center": 1e-4, "radius": 5e-5, "angle": np.pi / 360, "tension": 0.03}
-
-_programs: dict[Any, Any] = {}
-_making = threading.Lock()
-
-
-def program(function: Any, *args: Any) -> Any:
-    """`function` compiled for arguments like these, once for all pages of the process."""
-    arrays, rest = eqx.partition(args, eqx.is_array)
-    shapes = tuple((x.shape, str(x.dtype)) for x in jax.tree.leaves(arrays))
-    key = function, shapes, jax.tree.structure(arrays), eqx.tree_pformat(rest)
-    with _making:
-        own = _programs.setdefault(key, threading.Lock())
-    if not hasattr(own, "acquire"):
-        return own
-    with own:
-        found = _programs[key]
-        if found is own:
-            found = _programs[key] = kept_call(function, *args)
-        return found
 
 
 class Step(NamedTuple):
@@ -101,6 +82,7 @@ class Session:
         wanted = [*opened.study.variables.names] if opened.is_study else []
         wanted += opened.study.scatter.names if opened.study.scatter else ()
         self.names = page_names(self.drive, self.point, wanted)
+        self.judge = Judge(self.names)
         # What walks over the whole drive is done once: names do not change while it is dragged.
         self.units = {name: unit_of(self.drive, name) for name in self.names}
         self._canonical_names = tuple(canonical_key(self.drive, name) for name in self.names)
@@ -237,7 +219,7 @@ class Session:
         args = *canonical(self.drive, self.point), self._canonical_names, self.modes, BASIS
         return self._run(answered, *args)
 
-    def _canonical_study(self) -> Study:
+    def canonical_study(self) -> Study:
         """`study.canonical`; all but the drive, which is dragged, is made once."""
         parts = jax.tree.leaves((self.study.cases, self.study.point))
         if len(parts) != len(self._parts) or any(map(operator.is_not, parts, self._parts)):
@@ -251,32 +233,46 @@ class Session:
             self._programs[function] = program(function, *args)
         return jax.block_until_ready(self._programs[function](*args))
 
-    def answer(self) -> dict[str, Any]:
-        """Everything shown, as plain numbers and packed derivatives."""
+    def answer(self, moving: bool = False) -> dict[str, Any]:
+        """Everything shown, as plain numbers and packed derivatives.
+
+        Of a study whose limits take long, those of a design that is `moving` are by derivatives;
+        "judged" says which they are: "true", "predicted" or, not compiled yet, "pending".
+        """
         drive, point, found = self.drive, self.point, self.answered()
-        measured = self._run(judged, self._canonical_study(), self.names)
+        by_name = np.asarray(found.numbers)
+        judging = "true"
+        measured = self.judge.known(by_name) if moving and self.judge.slow else None
+        if measured is not None:
+            judging = "predicted"
+        else:
+            measured = self.judge(self.canonical_study(), by_name)
         flat = np.asarray(found.flat)
         places = answers.fields(drive, flat, self.modes)
         shown = {name: flat[start : start + size] for name, (start, size) in places.items()}
-        limits = answers.lights(self.study, self.opened.own_constraints, measured)
-        rows = [light.pop("row") for light in limits]
-        numbers = dict(zip(self.names, np.asarray(found.numbers).tolist(), strict=True))
+        numbers = dict(zip(self.names, by_name.tolist(), strict=True))
         numbers |= turns(drive, self.first.drive, self.handles)
-        objective = np.asarray(measured.slopes.worst)
         fault = answers.fault(drive, found)
+        objective, limits, known = np.zeros(len(self.names)), [], False
+        if measured is None:
+            judging = "pending"
+        else:
+            objective, known = np.asarray(measured.slopes.worst), bool(measured.values.found)
+            limits = answers.lights(self.study, self.opened.own_constraints, measured)
+        rows = [light.pop("row") for light in limits]
         derivatives = np.vstack([found.slopes, objective, *rows])
+        downhill = answers.arrows(drive, self.handles, self.names, objective, shown)
         return {
             "fault": fault,
+            "judged": judging,
             "fields": places,
             "values": plain(flat),
             "slopes": answers.packed(derivatives),
             "numbers": numbers,
-            "objective": plain(measured.values.worst) if measured.values.found else None,
+            "objective": plain(measured.values.worst) if measured and known else None,
             "limits": limits,
             "movers": answers.movers(self.units, numbers, objective),
-            "arrows": {}
-            if fault
-            else answers.arrows(drive, self.handles, self.names, objective, shown),
+            "arrows": {} if fault else downhill,
             "bodies": answers.stops(drive, shown, np.asarray(found.steady.reference.coordinates)),
             "warnings": [] if fault else answers.worded_warnings(drive, point, found),
             "driver_speed": self.driver_speeds()[self.case],

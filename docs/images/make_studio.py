@@ -46,7 +46,8 @@ def main():
             with Tab(at, address, 1360, 1010) as tab:
                 tab.until("globalThis.studio?.answer && studio.curves", 400)
                 tab.click("#optimize")
-                tab.until("studio.searching === false", 300)
+                ended = "document.getElementById('search-text')?.textContent.includes('optimum')"
+                tab.until(ended, 300)
                 tab.until("!studio.answer.moving")
                 time.sleep(2)
                 tab.picture(HERE / "studio_optimized.png")

@@ -381,7 +381,7 @@ def test_optimizing_from_here_shows_before_and_after(at, served):
         tab.until(READY)
         before = tab.run("studio.answer.objective")
         tab.click("#optimize")
-        tab.until("studio.searching === false")
+        tab.until("document.getElementById('search-text')?.textContent.includes('optimum')")
         assert tab.run("document.getElementById('search-text').textContent").startswith(
             "an optimum"
         )

@@ -264,6 +264,7 @@ def test_pages_do_not_disturb_each_other_and_compile_nothing_anew():
     list(one.answers({"do": "end"}))
     assert next(two.answers({"do": "end"}))["values"] == first
     assert two.session._programs == one.session._programs
+    assert two.session.judge._program is one.session.judge._program
 
 
 def test_a_conversation_answers_errors_and_goes_on():

@@ -2,7 +2,7 @@
 
 import { page, part, drawn, element, digits } from "./state.js";
 
-const WIDE = 420, HIGH = 250, LEFT = 38, BOTTOM = 30, TOP = 8, RIGHT = 10;
+const WIDE = 420, HIGH = 250, LEFT = 38, BOTTOM = 30, TOP = 8, RIGHT = 20;
 const RPM = 30 / Math.PI;
 
 // The curves as they are, or what the derivatives by the numbers of what is dragged make of them.

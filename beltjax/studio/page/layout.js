@@ -68,6 +68,7 @@ export function draw() {
   const px = pixel(), shown = (name) => document.getElementById(`show-${name}`).checked;
   const centers = points(view, "centers").map(mm), radii = part(view, "radii").map((r) => 1e3 * r);
   const impossible = view.fault;
+  document.getElementById("legend").textContent = "";
   drawGhosts(impossible, shown("start"));
   layers.pulleys.replaceChildren(...centers.map((at, k) => drawn("circle", {
     class: `pulley${page.drive.pulleys[k].driver ? " driver" : ""}${impossible && impossible.pulley === k ? " blamed" : ""}`,
@@ -92,7 +93,6 @@ export function draw() {
 
 function drawGhosts(impossible, start) {
   layers.ghosts.replaceChildren();
-  const kept = { answer: page.answer, view: page.view };
   const ghost = (answer, kind) => {
     const view = { flat: answer.values };
     const radii = part(view, "radii");
@@ -102,7 +102,6 @@ function drawGhosts(impossible, start) {
   if (page.before) ghost(page.before, "ghost");
   else if (start && page.start) ghost(page.start, "ghost");
   if (impossible && page.good) ghost(page.good, "lastgood");
-  Object.assign(page, kept);
 }
 
 function travels(view, px) {

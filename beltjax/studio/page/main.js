@@ -83,7 +83,7 @@ const heard = {
     // Each operating point as it was when nothing had been changed yet.
     if (!answer.undo && !answer.moving && !answer.fault) page.starts[answer.case] = answer;
     page.start = page.starts[answer.case];
-    page.began = page.began ?? answer.objective;
+    if (!answer.undo) page.began = page.began ?? answer.objective;
     if (answer.of && page.sentAt.has(answer.of)) {
       page.delays.push(performance.now() - page.sentAt.get(answer.of));
       for (const one of [...page.sentAt.keys()]) if (one <= answer.of) page.sentAt.delete(one);
@@ -98,7 +98,7 @@ const heard = {
     at("redo").disabled = !answer.redo;
     at("undo").title = answer.undo ? `Undo: ${answer.undo}` : "";
     at("redo").title = answer.redo ? `Redo: ${answer.redo}` : "";
-    status(`answered in ${Math.round(answer.took)} ms`);
+    status(answer.judged === "pending" ? "compiling the objective and the limits" : `answered in ${Math.round(answer.took)} ms`);
     document.body.classList.toggle("stale", answer.fault !== null);
     if (page.fresh) {
       page.fresh = false;
@@ -113,6 +113,7 @@ const heard = {
     redraw();
   },
   diagnosis: ({ text }) => fault(text),
+  ready: () => { if (!page.held) say({ do: "show" }); },
   curves(curves) {
     page.curves = { ...curves, numbers: page.answer.numbers };
     redraw();

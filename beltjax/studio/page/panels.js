@@ -41,12 +41,14 @@ function objective(view, kept) {
     element("span", { class: "big", "data-value": view.objective, "data-key": "objective" }, digits(view.objective, 6) + around(size)),
     element("span", { class: gained > 0 ? "bad" : "good" }, gained === null ? "" : `  ${gained > 0 ? "+" : ""}${digits(gained, 4)} since opened`),
     element("p", { class: "quiet", "data-prediction": !view.true }, kept ? "Numbers of the last layout that can be built."
+      : page.told.judged === "pending" ? "The objective and the limits are being compiled; the rest is true."
+      : page.told.judged === "predicted" ? "Limits by their last derivatives: the true ones take longer."
       : view.true ? "True values." : "By the derivatives of the last true values."),
   );
 }
 
 function limits(view) {
-  if (!page.told.limits.length) return;
+  if (!page.told.limits.length) return at("limits").replaceChildren();
   const rows = page.told.limits.map((one, k) => {
     const [factor, shown] = unit(one.unit, true), value = view.limits[k];
     let distance = null, state = "unknown";
