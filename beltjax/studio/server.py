@@ -127,6 +127,7 @@ def bound(port: int) -> socket.socket:
     found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         found.bind(("127.0.0.1", port))
+        found.listen()  # else another server could take the port before this one begins
     except OSError:
         found.close()
         raise
