@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from beltjax import optimize
 from beltjax.analysis.contact import ContactState
 from beltjax.analysis.modes import Modes
 from beltjax.analysis.moving_beam import SpanFrequencies
@@ -29,7 +30,6 @@ from beltjax.draw.layouts import (
 from beltjax.drive.layout import Layout, layout
 from beltjax.drive.system import Drive
 from beltjax.files.writing import write_whole
-from beltjax.optimize.design import Design
 
 _LOADS = 0.25  # length of the largest hub load, in sizes of the drive
 _PURPLE = "#8A1C5B"
@@ -169,7 +169,7 @@ def _(result: ContactState, drive: Drive | None) -> Figure:
 
 
 @_figure.register
-def _(result: Design, drive: Drive | None) -> Figure:
+def _(result: optimize.Design, drive: Drive | None) -> Figure:
     """The design; with the drive that the study is of, before and after."""
     after = result.drive, result.steady.reference.layout
     if drive is None:

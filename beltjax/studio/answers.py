@@ -8,14 +8,13 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from beltjax import optimize
 from beltjax.commands.reports.documents import plain
 from beltjax.commands.reports.warnings import steady_warnings
 from beltjax.drive.buildable import fault_of
 from beltjax.drive.components import KINDS
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
-from beltjax.optimize.quantities import find_quantity
-from beltjax.optimize.study import Study, split_name
 from beltjax.results import explanation, succeeded
 from beltjax.studio.handles import Handle
 from beltjax.studio.programs import Answered, JudgedStudy, Readout
@@ -61,7 +60,7 @@ def _pulley_in(drive: Drive, key: str) -> int | None:
     return drive.pulley(max(names, key=len)) if names else None
 
 
-def lights(study: Study, own: int, found: JudgedStudy) -> list[dict[str, Any]]:
+def lights(study: optimize.Study, own: int, found: JudgedStudy) -> list[dict[str, Any]]:
     """Each limit: the part of its quantity that is closest to it, and how far that is.
 
     `row` holds that part's derivatives by the page's numbers.
@@ -85,7 +84,9 @@ def lights(study: Study, own: int, found: JudgedStudy) -> list[dict[str, Any]]:
         shown.append(
             {
                 "quantity": name,
-                "unit": find_quantity(split_name(name)[0], study.drive).unit,
+                "unit": optimize.find_quantity(
+                    optimize.study.split_name(name)[0], study.drive
+                ).unit,
                 "value": plain(value) if good else None,
                 "lower": plain(low),
                 "upper": plain(high),

@@ -11,20 +11,19 @@ from typing import Any
 
 import equinox as eqx
 
+from beltjax import optimize
 from beltjax.analysis.contact import contact_state
 from beltjax.analysis.contact_path import belt_pieces
 from beltjax.commands.reports.documents import plain
 from beltjax.drive.numbers import unit_of, value_of
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
-from beltjax.optimize.design import Design
 from beltjax.results import explanation, succeeded
 from beltjax.studio import described
 from beltjax.studio.exports import exported
 from beltjax.studio.handles import turns
 from beltjax.studio.opened import Opened
 from beltjax.studio.page_file import open_any, open_texts
-from beltjax.studio.search import Searching, Stopped, from_here
 from beltjax.studio.session import Session
 
 _CURVES_EVERY = 0.3  # [s], at least, while moves wait
@@ -48,7 +47,7 @@ class Conversation:
         self.session = self._begun(opened)
         self._tell: Tell = lambda answer: None
         self._curves_at = 0.0
-        self._search: Searching | None = None
+        self._search: optimize.Searching | None = None
         self._thread: threading.Thread | None = None
 
     def _begun(self, opened: Opened) -> Session:
@@ -173,8 +172,8 @@ class Conversation:
             raise ValueError(f"begin from a design that can be built: {why}")
         session.before = session.study
         turned = turns(session.drive, session.first.drive, session.handles)
-        self._search = Searching(
-            from_here(session.study, turned),
+        self._search = optimize.Searching(
+            optimize.from_here(session.study, turned),
             session.opened.own_constraints,
             _Told(session, self._tell),
             lambda stage, done, total: self._tell(
@@ -186,12 +185,14 @@ class Conversation:
         self._thread = threading.Thread(target=work[0], args=work[1], daemon=True)
         self._thread.start()
 
-    def _searched(self, search: Searching, turned: dict[str, float], everywhere: bool) -> None:
+    def _searched(
+        self, search: optimize.Searching, turned: dict[str, float], everywhere: bool
+    ) -> None:
         """The work of a search's thread."""
         told: dict[str, Any] = {"is": "search", "state": "ended"}
         try:
             design = search.run(everywhere)
-        except Stopped:
+        except optimize.Stopped:
             self._tell(told | {"text": "stopped before there was a design"})
             return
         except Exception as error:  # whatever it is, the page must not wait for ever
@@ -258,7 +259,7 @@ class _Told:
         self._at = time.monotonic()
 
 
-def _ended(design: Design, stopped: bool) -> str:
+def _ended(design: optimize.Design, stopped: bool) -> str:
     """How a search ended, in words."""
     ends = f"objective {_short(design.initial)} before, {_short(design.final)} after"
     if stopped:
@@ -278,7 +279,7 @@ def _short(objective: float | None) -> str:
 
 
 def _before_after(
-    session: Session, design: Design, turned: dict[str, float]
+    session: Session, design: optimize.Design, turned: dict[str, float]
 ) -> list[dict[str, Any]]:
     """Each variable before and after a search; angles as the study's file counts them."""
     before = session.before

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from beltjax import optimize
 from beltjax.commands.reports.documents import plain
-from beltjax.optimize.study import split_name
 from beltjax.studio.handles import descriptions
 from beltjax.studio.session import TOLERANCES, Session
 
@@ -85,7 +85,7 @@ def orders(session: Session) -> list[float]:
     elif shaken is not None and shaken.order is not None:
         found.append(float(np.ravel(shaken.order)[0]))
     for name in session.study.constraints.names:
-        kind, _, place = split_name(name)[0].partition(":")
+        kind, _, place = optimize.study.split_name(name)[0].partition(":")
         if kind in ("order_distance", "order_margin"):
             found.append(float(place))
     return sorted(set(found)) or [_USUAL_ORDER]

@@ -6,12 +6,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from beltjax import optimize
 from beltjax.analysis.steady import steady_state
 from beltjax.commands.reports.analyze import analyze_report
 from beltjax.drive.files import drive_bytes
 from beltjax.drive.layout import Layout
 from beltjax.drive.system import Drive
-from beltjax.optimize.study import Study
 from beltjax.studio.page_file import page_bytes
 from beltjax.studio.session import Session
 
@@ -84,7 +84,7 @@ def _compared(session: Session) -> bytes:
     return picture_bytes(before_and_after(*pair, title=session.drive.name), "x.png")
 
 
-def _rest(session: Session, study: Study) -> Layout:
+def _rest(session: Session, study: optimize.Study) -> Layout:
     """Where the drive of a study rests at the point that is shown."""
     return steady_state(study.drive, session.point, throw=False).reference.layout
 

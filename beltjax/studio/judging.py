@@ -6,7 +6,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from beltjax.optimize.study import Study
+from beltjax import optimize
 from beltjax.studio.compiled import program
 from beltjax.studio.programs import JudgedStudy, Names, judged
 
@@ -37,7 +37,7 @@ class Judge:
         """Whether the last design took longer to judge than a drag waits."""
         return self._took > _SLOW
 
-    def prepare(self, study: Study) -> None:
+    def prepare(self, study: optimize.Study) -> None:
         """Compile for studies like this canonical one."""
         self._program = program(judged, study, self.names)
 
@@ -54,7 +54,7 @@ class Judge:
         )
         return JudgedStudy(found.values._make((*values, found.values.found)), found.slopes)
 
-    def __call__(self, study: Study, numbers: np.ndarray) -> JudgedStudy | None:
+    def __call__(self, study: optimize.Study, numbers: np.ndarray) -> JudgedStudy | None:
         """What a canonical study's design is worth; None before it is compiled."""
         if not self.ready:
             if not self.patient:

@@ -9,6 +9,7 @@ from typing import Any
 import jax
 from pydantic import Field, ValidationError
 
+from beltjax import optimize
 from beltjax.commands.reports.documents import (
     Document,
     Part,
@@ -23,7 +24,6 @@ from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
 from beltjax.files.reading import read_json
-from beltjax.optimize.study import Study
 from beltjax.studio.opened import Opened, open_file
 from beltjax.studio.session import Session
 
@@ -77,7 +77,7 @@ def _plain(drive: Drive) -> dict[str, float]:
     return {name: float(number_value(drive, point, name)) for name in names}
 
 
-def _running(study: Study, case: int) -> dict[str, float]:
+def _running(study: optimize.Study, case: int) -> dict[str, float]:
     """The numbers of an operating point."""
     point = jax.tree.map(lambda x: x[case], study.operating.points)
     speed = SPEEDS[0] if point.driver_speed is None else SPEEDS[1]

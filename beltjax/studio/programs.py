@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Bool, Float
 
+from beltjax import optimize
 from beltjax.analysis.linearization import has_inertias, linearize
 from beltjax.analysis.modes import modes
 from beltjax.analysis.steady import SteadyState, steady_state
@@ -23,8 +24,6 @@ from beltjax.drive.numbers import is_relative, number_value, with_number, with_n
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.numerics.bases import AbstractBasis
-from beltjax.optimize.problem import Measured, measured
-from beltjax.optimize.study import Study
 from beltjax.results import RESULTS, succeeded
 
 Names = tuple[str, ...]
@@ -145,23 +144,23 @@ def answered(
 class JudgedStudy(NamedTuple):
     """Objective and limited quantities of a study's drive, and their derivatives."""
 
-    values: Measured
-    slopes: Measured  # [..., numbers], without `found`
+    values: optimize.Measured
+    slopes: optimize.Measured  # [..., numbers], without `found`
 
 
-def judged(study: Study, names: Names) -> JudgedStudy:
+def judged(study: optimize.Study, names: Names) -> JudgedStudy:
     """What a canonical study measures of its drive, and its derivatives by `names`.
 
     Numbers of operation are those of the study's points, and have no derivatives here.
     """
     own = tuple(name for name in names if not name.startswith("operation."))
 
-    def at(x: Float[Array, " numbers"]) -> tuple[tuple, Measured]:
+    def at(x: Float[Array, " numbers"]) -> tuple[tuple, optimize.Measured]:
         moved, _ = stepped(study.drive, study.point, own, dict(zip(own, x, strict=True)))
-        found = measured(study, moved)
+        found = optimize.measured(study, moved)
         return found[:-1], found
 
-    def push(direction: Array) -> tuple[tuple, Measured]:
+    def push(direction: Array) -> tuple[tuple, optimize.Measured]:
         _, slopes, found = jax.jvp(at, (jnp.zeros(len(own)),), (direction,), has_aux=True)
         return slopes, found
 
@@ -170,7 +169,7 @@ def judged(study: Study, names: Names) -> JudgedStudy:
     spread = [jnp.append(leaf, jnp.zeros_like(leaf[..., :1]), axis=-1)[..., places]
               for leaf in jax.tree.leaves(slopes)]  # fmt: skip
     named = jax.tree.unflatten(jax.tree.structure(slopes), spread)
-    return JudgedStudy(values, Measured(*named, found=values.found))
+    return JudgedStudy(values, optimize.Measured(*named, found=values.found))
 
 
 class OverSpeed(NamedTuple):

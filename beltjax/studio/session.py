@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from beltjax import optimize
 from beltjax.analysis.linearization import has_inertias
 from beltjax.commands.reports.diagnosis import diagnose
 from beltjax.commands.reports.documents import plain
@@ -33,9 +34,6 @@ from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 from beltjax.files.errors import FileError
 from beltjax.numerics.bases import Legendre
-from beltjax.optimize.drive_analyses import BASIS, MODES
-from beltjax.optimize.problem import with_tied
-from beltjax.optimize.study import Study
 from beltjax.studio import answers
 from beltjax.studio.compiled import program
 from beltjax.studio.handles import handles, page_names, turns
@@ -56,7 +54,7 @@ TOLERANCES = {"center": 1e-4, "radius": 5e-5, "angle": np.pi / 360, "tension": 0
 class Step(NamedTuple):
     """A state to which undoing leads back."""
 
-    study: Study
+    study: optimize.Study
     what: str  # was done since, in words
 
 
@@ -71,11 +69,11 @@ class Session:
         self.opened = opened
         self.study = self.first = opened.study
         self.case = 0
-        self.before: Study | None = None  # a search
+        self.before: optimize.Study | None = None  # a search
         self.tolerances: dict[str, float] | None = None  # deviations of numbers [SI], if shown
         self.past: list[Step] = []
         self.future: list[Step] = []
-        self._dragged: Study | None = None
+        self._dragged: optimize.Study | None = None
         self._programs: dict[Any, Any] = {}
         self._bare, self._parts = opened.study, []
         self.handles = handles(self.drive)
@@ -179,11 +177,13 @@ class Session:
         self.past = [*self.past, step][-_DEEPEST:]
         self.future = []
 
-    def _changed(self, study: Study, values: Mapping[str, float]) -> Study:
+    def _changed(self, study: optimize.Study, values: Mapping[str, float]) -> optimize.Study:
         """`study` with these numbers; angles are counted from the file's drive."""
         named = self._checked(values)
         turned = turns(study.drive, self.first.drive, self.handles)
-        steps = {n: x - turned.get(n, 0.0) for n, x in with_tied(study.ties, named).items()}
+        steps = {
+            n: x - turned.get(n, 0.0) for n, x in optimize.with_tied(study.ties, named).items()
+        }
         point = _point_of(study, self.case)
         drive, after = with_numbers(study.drive, point, jax.tree.map(jnp.asarray, steps))
         study = eqx.tree_at(lambda s: s.drive, study, drive)
@@ -212,14 +212,19 @@ class Session:
     def modes(self) -> int:
         """Number of natural frequencies that are shown."""
         few = len(self.drive.pulleys) <= MOST_VIBRATING
-        return MODES if few and has_inertias(self.drive) else 0
+        return optimize.drive_analyses.MODES if few and has_inertias(self.drive) else 0
 
     def answered(self) -> Answered:
         """The state at the point that is shown, with all derivatives, on the host."""
-        args = *canonical(self.drive, self.point), self._canonical_names, self.modes, BASIS
+        args = (
+            *canonical(self.drive, self.point),
+            self._canonical_names,
+            self.modes,
+            optimize.drive_analyses.BASIS,
+        )
         return self._run(answered, *args)
 
-    def canonical_study(self) -> Study:
+    def canonical_study(self) -> optimize.Study:
         """`study.canonical`; all but the drive, which is dragged, is made once."""
         parts = jax.tree.leaves((self.study.cases, self.study.point))
         if len(parts) != len(self._parts) or any(map(operator.is_not, parts, self._parts)):
@@ -369,14 +374,14 @@ class Session:
         return (np.asarray(points.belt_speed) / radius).ravel().tolist()
 
 
-def _point_of(study: Study, case: int) -> OperatingPoint:
+def _point_of(study: optimize.Study, case: int) -> OperatingPoint:
     """One of the operating points of a study."""
     points = study.operating.points
     # By NumPy: entries of JAX's arrays are taken by programs of their own, which is slow.
     return jax.tree.map(lambda x: jnp.asarray(np.asarray(x)[case]), points)
 
 
-def _with_point(study: Study, case: int, point: OperatingPoint) -> Study:
+def _with_point(study: optimize.Study, case: int, point: OperatingPoint) -> optimize.Study:
     """`study` with another operating point in that place.
 
     Raises `ValueError` where it is of another kind than the other points.

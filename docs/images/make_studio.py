@@ -16,6 +16,7 @@ def served(study):
     """`beltjax studio` of an example, and its address."""
     command = [sys.executable, "-m", "beltjax", "studio", str(ROOT / "examples" / study)]
     process = subprocess.Popen([*command, "--no-browser"], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
     return process, process.stdout.readline().split()[1]
 
 

@@ -11,26 +11,15 @@ import numpy as np
 
 from beltjax.drive.numbers import full_key
 from beltjax.drive.system import Drive
-from beltjax.optimize.design import Design, report
-from beltjax.optimize.minimization import minimize
-from beltjax.optimize.optimality import SETTLED, LocalModel, ModelAt, optimality
-from beltjax.optimize.problem import (
-    Starts,
-    drive_at,
-    in_box,
-    limited_rows,
-    own_values,
-    starting_points,
-)
-from beltjax.optimize.search.one_by_one import AbstractLocalOptimizer, UnitBoxProblem, Vector
-from beltjax.optimize.search.registry import find_optimizer
-from beltjax.optimize.search.results import (
-    SearchResult,
-    StartOutcome,
-    history_of,
-    local_models,
-)
-from beltjax.optimize.study import Study
+
+from .design import Design, report
+from .minimization import minimize
+from .optimality import SETTLED, LocalModel, ModelAt, optimality
+from .problem import Starts, drive_at, in_box, limited_rows, own_values, starting_points
+from .search.one_by_one import AbstractLocalOptimizer, UnitBoxProblem, Vector
+from .search.registry import find_optimizer
+from .search.results import SearchResult, StartOutcome, history_of, local_models
+from .study import Study
 
 # One start needs no batch; this one reports every iteration and takes exact derivatives.
 _METHOD = "slsqp"
@@ -82,7 +71,7 @@ class Searching:
         study = dataclasses.replace(self._study, starts=1, choices=(), snaps=(), pareto=())
         self._may_go_on("compiling", 0, None)
         begin = starting_points(study)
-        here = begin._replace(points=_place(study, begin))
+        here = begin._replace(points=_place(study))
         rows = limited_rows(study, begin.parts)
         model_at = local_models(study, begin.scales, rows)
         self._may_go_on("searching", 0, None)
@@ -112,7 +101,12 @@ class _Followed(UnitBoxProblem):
     """A problem whose every iteration is told."""
 
     def __init__(
-        self, of: Searching, study: Study, begin: Starts, model_at: ModelAt, start: LocalModel
+        self,
+        of: Searching,
+        study: Study,
+        begin: Starts,
+        model_at: ModelAt,
+        start: LocalModel,
     ):
         super().__init__(model_at, start)
         self._of, self._study, self._size = of, study, float(begin.scales.objective)
@@ -124,7 +118,7 @@ class _Followed(UnitBoxProblem):
         self._of.heard(drive_at(self._study, jnp.asarray(np.clip(x, 0.0, 1.0))), path)
 
 
-def _place(study: Study, begin: Starts) -> Any:
+def _place(study: Study) -> Any:
     """The study's own drive in the unit box, at which a search from here begins."""
     return jnp.asarray(in_box(study, own_values(study)))[None]
 
@@ -134,7 +128,10 @@ def _nowhere(begin: Starts) -> StartOutcome:
 
 
 def _outcome(
-    x: Vector, converged: bool, problem: UnitBoxProblem, model_at: ModelAt
+    x: Vector,
+    converged: bool,
+    problem: UnitBoxProblem,
+    model_at: ModelAt,
 ) -> SearchResult:
     """The end of the search, judged where it ended."""
     paths = history_of([np.array(problem.path).reshape(-1, 2)])
@@ -143,7 +140,11 @@ def _outcome(
         return SearchResult([StartOutcome(x, np.inf, np.inf, False, False)], paths, True)
     shown = optimality(at, model_at, second=False)
     settled = converged or shown.residual <= SETTLED
-    return SearchResult([StartOutcome(at.x, at.f, shown.violation, True, settled)], paths, True)
+    return SearchResult(
+        [StartOutcome(at.x, at.f, shown.violation, True, settled)],
+        paths,
+        True,
+    )
 
 
 def from_here(study: Study, turned: Mapping[str, float]) -> Study:
