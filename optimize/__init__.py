@@ -34,7 +34,6 @@ from .pareto_front import pareto as pareto
 from .problem import Measured as Measured
 from .problem import measured as measured
 from .problem import with_implied_constraints as with_implied_constraints
-from .problem import with_tied as with_tied
 from .quantities import Quantity as Quantity
 from .quantities import QuantityDefinition as QuantityDefinition
 from .quantities import find_quantity as find_quantity

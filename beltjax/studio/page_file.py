@@ -102,7 +102,7 @@ def open_any(path: str | os.PathLike[str]) -> Opened:
         raise FileError(path, key, message) from error
     if not document.files:
         raise FileError(path, "files", f"is empty; {_REMEDY}")
-    return open_texts(document.files, path)._replace(
+    opened = open_texts(document.files, path)._replace(
         kept={
             "numbers": document.numbers,
             "operation": document.operation,
@@ -110,6 +110,11 @@ def open_any(path: str | os.PathLike[str]) -> Opened:
             "view": document.view.model_dump() if document.view else None,
         }
     )
+    try:
+        Session(opened)  # whether what was done can be done
+    except ValueError as error:
+        raise FileError(path, "", f"{error}; {_REMEDY}") from error
+    return opened
 
 
 def open_texts(texts: Mapping[str, str], path: object, first: str | None = None) -> Opened:

@@ -48,7 +48,10 @@ class Connection:
 
     async def _read(self) -> None:
         while True:
-            message = await self._socket.receive_json()
+            try:
+                message = await self._socket.receive_json()
+            except (ValueError, KeyError):  # no message of this page: it is closed
+                return
             if not isinstance(message, dict):
                 continue
             last = self._waiting[-1] if self._waiting else {}

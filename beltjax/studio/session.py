@@ -32,7 +32,6 @@ from beltjax.drive.numbers import (
 )
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
-from beltjax.files.errors import FileError
 from beltjax.numerics.bases import Legendre
 from beltjax.studio import answers
 from beltjax.studio.compiled import program
@@ -84,7 +83,6 @@ class Session:
         # What walks over the whole drive is done once: names do not change while it is dragged.
         self.units = {name: unit_of(self.drive, name) for name in self.names}
         self._canonical_names = tuple(canonical_key(self.drive, name) for name in self.names)
-
         if opened.kept:
             self._take_up(opened.kept)
 
@@ -108,12 +106,12 @@ class Session:
     @property
     def cases(self) -> list[str]:
         """What the operating points are called."""
-        names, seen = self.study.operating.names, []
-        for name in names:
-            label = name or "operation"
-            seen.append(f"{label} {names[: len(seen) + 1].count(name)}"
-                        if names.count(name) > 1 else label)  # fmt: skip
-        return seen
+        names = self.study.operating.names
+        return [
+            (name or "operation")
+            + (f" {names[: k + 1].count(name)}" if names.count(name) > 1 else "")
+            for k, name in enumerate(names)
+        ]
 
     @property
     def point(self) -> OperatingPoint:
@@ -181,9 +179,8 @@ class Session:
         """`study` with these numbers; angles are counted from the file's drive."""
         named = self._checked(values)
         turned = turns(study.drive, self.first.drive, self.handles)
-        steps = {
-            n: x - turned.get(n, 0.0) for n, x in optimize.with_tied(study.ties, named).items()
-        }
+        named |= _followers(study, named)
+        steps = {name: value - turned.get(name, 0.0) for name, value in named.items()}
         point = _point_of(study, self.case)
         drive, after = with_numbers(study.drive, point, jax.tree.map(jnp.asarray, steps))
         study = eqx.tree_at(lambda s: s.drive, study, drive)
@@ -374,6 +371,21 @@ class Session:
         return (np.asarray(points.belt_speed) / radius).ravel().tolist()
 
 
+def _followers(study: optimize.Study, named: Mapping[str, float]) -> dict[str, float]:
+    """The numbers that a study ties to those that are set."""
+    ties, drive = study.ties, study.drive
+    if ties is None:
+        return {}
+    numbers = zip(
+        *(np.asarray(part).tolist() for part in (ties.factors, ties.offsets)), strict=True
+    )
+    return {
+        full_key(drive, name): factor * named[full_key(drive, to)] + offset
+        for name, to, (factor, offset) in zip(ties.names, ties.to, numbers, strict=True)
+        if full_key(drive, to) in named
+    }
+
+
 def _point_of(study: optimize.Study, case: int) -> OperatingPoint:
     """One of the operating points of a study."""
     points = study.operating.points
@@ -395,6 +407,3 @@ def _with_point(study: optimize.Study, case: int, point: OperatingPoint) -> opti
     study = eqx.tree_at(lambda s: s.cases.points, study, points)
     first = jax.tree.map(lambda x: x[0], points)
     return dataclasses.replace(study, point=first)
-
-
-__all__ = ["FileError", "Session", "Step", "program"]

@@ -393,3 +393,53 @@ def test_optimizing_from_here_shows_before_and_after(at, served):
         tab.click("#undo")
         tab.until(f"studio.answer.objective === {before!r}")
         assert tab.problems == []
+
+
+DUTIES = """
+[[duty]]
+name = "slow"
+belt_speed = 5
+
+[[duty]]
+name = "fast"
+belt_speed = 25
+"""
+
+
+def test_operating_points_are_tabs_and_orders_are_lines(at, tmp_path):
+    path = tmp_path / "duties.toml"
+    path.write_text((EXAMPLES / "three_pulley.toml").read_text() + DUTIES)
+    other = Served(path)
+    try:
+        with Tab(at, other.address, 1280, 800) as tab:
+            tab.until(READY)
+            assert tab.run(
+                "[...document.querySelectorAll('[role=tab]')].map(e => e.textContent)"
+            ) == [
+                "slow",
+                "fast",
+            ]
+            drive, points = bj.load_duties(path)
+            for case, name in enumerate(points):
+                tab.click(f"[data-case='{case}']")
+                tab.until(f"studio.case === {case}")
+                settled(tab)
+                steady = bj.steady_state(drive, points[name])
+                total = float(jnp.sum(steady.coupling))
+                assert values(tab)["coupling_total"] == pytest.approx(total, rel=1e-9)
+                selected = tab.run("document.querySelector('[aria-selected=true]').textContent")
+                assert selected == name
+            # The slowest duty is the idle line until another is typed; order 2 unless given.
+            idle = float(points["slow"].belt_speed / drive.pulleys[0].radius) * 30 / np.pi
+            assert tab.run("Number(document.querySelector('.idle').dataset.idle)") == (
+                pytest.approx(idle, rel=1e-9)
+            )
+            tab.run("document.getElementById('orders').select()")
+            tab.call("Input.insertText", text="2, 4.5")
+            tab.key("Enter")
+            tab.run("document.activeElement.blur()")
+            script = "[...document.querySelectorAll('.order')].map(e => Number(e.dataset.order))"
+            tab.until(f"String({script}) === '2,4.5'")
+            assert tab.problems == []
+    finally:
+        assert other.end() == 0
