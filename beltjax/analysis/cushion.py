@@ -24,7 +24,8 @@ from beltjax.drive.placeholders import harmless, numbers_are_usable
 from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
 from beltjax.numerics.derivative_rules import differentiated_once
-from beltjax.physics import cushion, cushion_arc, cushion_drive
+from beltjax.numerics.rigid_bodies import holding_stop
+from beltjax.physics import cushion, cushion_arc, cushion_drive, span
 from beltjax.physics.cushion import Layer
 from beltjax.physics.cushion_drive import CushionModel, Found, Given, Running
 from beltjax.physics.inclined_spans import Frame
@@ -67,11 +68,12 @@ class CushionState(Readable):
     contact_lengths: Float[Array, " pulleys"]  # of the cords [m]
     penetrations: Float[Array, " pulleys"]  # largest give of the cords towards the axis [m]
     shears: Float[Array, " pulleys"]  # carried out where the belt leaves [m]
-    hub_loads: Float[Array, "pulleys 2"]  # of the belt on the pulleys [N]
+    hub_loads: Float[Array, "pulleys 2"]  # force of the running belt on the pulleys [N]
     effective_tensions: Float[Array, " spans"]  # P = T - G V [N]
     tensions: Float[Array, " spans"]  # T [N]
     span_lengths: Float[Array, " spans"]  # of the free belt [m]
     span_angles: Float[Array, " spans"]  # direction of travel [rad]
+    coupling: Float[Array, " spans"]  # Gamma_i, with the belt's bending stiffness
     turns: Float[Array, " pulleys"]  # by which each pulley turns the belt [rad]
     unstretched_length: Float[Array, ""]  # [m]
     unstretched_speed: Float[Array, ""]  # V_ref [m/s]
@@ -81,6 +83,7 @@ class CushionState(Readable):
     found: Found
     order: TravelOrder
     scales: Scales
+    at_stop: Float[Array, " coordinates"]  # -1 at the least, 1 at the greatest coordinate, else 0
     torque_free: Bool[Array, ""]  # whether no accessory takes torque
     drive: Drive
     point: OperatingPoint
@@ -285,9 +288,11 @@ def _model(made: Assembly, groups: ContactGroups, scales: Scales) -> CushionMode
 
 def _given_speed(model: CushionModel) -> Float[Array, ""]:
     """Speed of the belt, but for the little by which it creeps."""
-    given = (model.c, model.v, None if model.G is None else model.G / model.m0)
-    speed = next(value for value in given if value is not None)
-    return jnp.abs(speed)
+    speed = model.v if model.c is None else model.c
+    assert speed is not None
+    if model.G is None:
+        return jnp.abs(speed)
+    return jnp.sqrt(jnp.abs(model.G * speed) / model.m0)  # of a belt with this momentum
 
 
 def _found(
@@ -330,9 +335,23 @@ def _wraps(running: Running, model: CushionModel) -> Float[Array, " pulleys"]:
     return running.spans.turns + met.chi_out - met.chi_in
 
 
-def _speed(P: Array, running: Running, model: CushionModel) -> Array:
-    """Speed of the belt where its effective tension is P."""
-    return running.V_ref * cushion.strained(P, model.layers.EA[0], running.g)
+def _coupling(
+    running: Running, model: CushionModel, EI: Float[Array, ""]
+) -> Float[Array, " spans"]:
+    """Gamma_i of the spans, whose ends are bent as far as the cushion lets them."""
+    P, length, layers = running.P, running.spans.lengths, model.layers
+    following = model.frame.loops.following
+
+    def bent(soft: Array, k_r: Array, R: Array) -> Array:
+        ratio = jnp.where(soft > 0, cushion.end_curvature(P, EI, k_r), 1.0)
+        return length * ratio / R
+
+    side = jnp.sign(model.frame.rho)
+    start = side * bent(layers.soft, layers.k_r, layers.R)
+    end = following(side) * bent(*(following(x) for x in (layers.soft, layers.k_r, layers.R)))
+    positive = EI > 0
+    eps = jnp.where(positive, jnp.sqrt(jnp.where(positive, EI, 1.0)), 0.0)
+    return span.bending(start, end, span.layers(*span.layer_width(eps, length, P)))
 
 
 def _state(
@@ -346,7 +365,7 @@ def _state(
     result: RESULTS,
 ) -> CushionState:
     """The solution in SI and listed order."""
-    running, drive = found.running, made.drive
+    running = found.running
     met, spans = running.met, running.spans
     order = TravelOrder.of(made.loops, jax.lax.stop_gradient(made.driven.travel))
     force, length = scales.tension, scales.length
@@ -358,10 +377,10 @@ def _state(
     # Work of the tension, int V dP, less the power that the pulley takes.
     work = running.V_ref * ((EA + P) ** 2 - (EA + P_in) ** 2) / (2 * (EA - g))
     losses = work - omega * running.M
-    pulled = jnp.stack([spans.along_x, spans.along_y], axis=1) * tension[:, None]
+    pulled = jnp.stack([spans.along_x, spans.along_y], axis=1) * P[:, None]
     driven = jnp.where(model.driving > 0, 0.0, omega * running.M)
     drawn_in = jnp.abs(jnp.sum(model.driving * omega * running.M))
-    taken = jnp.sum(driven)
+    taken, free = jnp.sum(driven), jnp.all(made.driven.torques == 0)
     pulleys = order.pulleys
     return CushionState(
         wraps=_wraps(running, model)[pulleys],
@@ -378,16 +397,18 @@ def _state(
         tensions=tension[order.spans] * force,
         span_lengths=spans.lengths[order.spans] * length,
         span_angles=jnp.arctan2(spans.along_y, spans.along_x)[order.spans],
+        coupling=_coupling(running, model, groups.bendings[0])[order.spans],
         turns=spans.turns[pulleys],
         unstretched_length=running.L0 * length,
         unstretched_speed=running.V_ref * speed,
-        efficiency=taken / jnp.where(drawn_in > 0, drawn_in, 1.0),
+        efficiency=jnp.where(free, 0.0, taken / jnp.where(free, 1.0, drawn_in)),
         coordinates=running.q * groups.units,
         model=model,
         found=found,
         order=order,
         scales=scales,
-        torque_free=jnp.all(made.driven.torques == 0),
+        at_stop=holding_stop(model.frame.bodies, running.q, running.force),
+        torque_free=free,
         drive=asked[0],
         point=asked[1],
         error=found.error,

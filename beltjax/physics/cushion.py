@@ -1,8 +1,8 @@
 """A string on an elastic layer around its pulley: thin layers in closed form.
 
 The cords give way by x towards the axis against k_r x and lag by zeta against k_s zeta, per unit
-length, while the layer's foot sticks to the pulley. Along one arc, in the direction of travel and in
-any consistent units:
+length, while the layer's foot sticks to the pulley. Along one arc, in the direction of travel and
+in any consistent units:
 
     P       T - G V;   g   G V_ref, the momentum flux;   chi   angle of the cord to the circle
     lam     1/lam is the length of the radial layers at the ends, 1/a that of the shear
@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from beltjax.numerics.roots import bracketed_root, implicit_root
@@ -24,7 +23,6 @@ from beltjax.numerics.roots import bracketed_root, implicit_root
 Scalar = Float[Array, ""]
 
 _STEPS = 8  # of Newton's method for the contact length, which is convex in it
-_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(24)
 
 
 class Layer(NamedTuple):
@@ -62,13 +60,22 @@ class Met(NamedTuple):
 
 
 class Shear(NamedTuple):
-    """P = low + A cosh(a s) + B sinh(a s), up to where the cords slide."""
+    """P = low + first e^{-a s} + last e^{-a (end - s)}, up to where the cords slide."""
 
     low: Scalar  # P*
-    A: Scalar
-    B: Scalar
+    first: Scalar
+    last: Scalar
     a: Scalar
     end: Scalar  # s_c
+
+    def at(self, s: Array, k_s: Scalar) -> tuple[Array, Array]:
+        """P and the shear zeta at s."""
+        s = jnp.minimum(s, self.end)
+        first, last = (
+            self.first * jnp.exp(-self.a * s),
+            self.last * jnp.exp(self.a * (s - self.end)),
+        )
+        return self.low + first + last, self.a / k_s * (last - first)
 
 
 def decay(P: Scalar, of: Layer) -> Scalar:
@@ -115,16 +122,14 @@ def shear(pull: Pull, of: Layer, S: Scalar) -> tuple[Shear, Scalar]:
     creep = 1 / of.EA + 1 / (of.k_r * of.R**2)
     a = jnp.sqrt(of.k_s * creep)
     behind = [1.25 / (of.R**2 * lam**3) for lam in (lam_in, lam_out)]
-    B = -behind[0] * of.k_s / a
     way = jnp.where(pull.P_out < pull.P_in, -1.0, 1.0)
-
-    adhering = _Adhering(pull, of, S, B, a, way)
+    adhering = _Adhering(pull, of, S, behind[0], a, way)
     found = _sliding_from(adhering)
     end = jnp.where(found.slides, found.begin, S)
     top = jnp.where(found.slides, _capstan(end, pull, of, S), pull.P_out)
-    A = adhering.amplitude(end, top)
-    left = adhering.lag(end, top) - jnp.where(found.slides, 0.0, behind[1])
-    return Shear(pull.P_in - A, A, B, a, end), left
+    along = adhering.up_to(end, top)
+    _, lag = along.at(end, of.k_s)
+    return along, lag - jnp.where(found.slides, 0.0, behind[1])
 
 
 class _Sliding(NamedTuple):
@@ -138,25 +143,24 @@ class _Adhering(NamedTuple):
     pull: Pull
     of: Layer
     S: Scalar
-    B: Scalar
+    behind: Scalar  # shear that the first layer leaves
     a: Scalar
     way: Scalar  # of the change of tension
 
-    def amplitude(self, s: Scalar, to: Scalar) -> Scalar:
-        """A for the tension `to` at s; cosh - 1 is 2 sinh(as/2)^2."""
-        rise = to - self.pull.P_in - self.B * jnp.sinh(self.a * s)
-        return rise / (2 * jnp.sinh(self.a * s / 2) ** 2)
-
-    def lag(self, s: Scalar, to: Scalar) -> Scalar:
-        """The shear at s, with the tension `to` there."""
-        A = self.amplitude(s, to)
-        slope = A * jnp.sinh(self.a * s) + self.B * jnp.cosh(self.a * s)
-        return self.a * slope / self.of.k_s
+    def up_to(self, end: Scalar, to: Scalar) -> Shear:
+        """The tension that is P_in at the entry and `to` at the end."""
+        decayed = jnp.exp(-self.a * end)
+        left = -jnp.expm1(-self.a * end)
+        begun = -self.behind * self.of.k_s / self.a
+        last = ((to - self.pull.P_in) / left - begun) / left
+        first = last * decayed - begun
+        return Shear(self.pull.P_in - first - last * decayed, first, last, self.a, end)
 
     def excess(self, s: Scalar) -> Scalar:
         """Shear stress at s over what friction holds, if the cords slide from there on."""
         to = _capstan(s, self.pull, self.of, self.S)
-        return (self.way * self.of.k_s * self.lag(s, to) - self.of.mu * to / self.of.R) / to
+        _, lag = self.up_to(s, to).at(s, self.of.k_s)
+        return (self.way * self.of.k_s * lag - self.of.mu * to / self.of.R) / to
 
 
 def _capstan(s: Array, pull: Pull, of: Layer, S: Scalar) -> Array:
@@ -178,19 +182,35 @@ def _sliding_from(adhering: _Adhering) -> _Sliding:
 
 def tension(s: Array, pull: Pull, of: Layer, along: Shear, S: Scalar) -> Array:
     """P at s [...] of the arc."""
-    sliding = _capstan(s, pull, of, S)
-    t = along.a * jnp.minimum(s, along.end)
-    adhering = along.low + along.A * jnp.cosh(t) + along.B * jnp.sinh(t)
-    return jnp.where(s < along.end, adhering, sliding)
+    return jnp.where(s < along.end, along.at(s, of.k_s)[0], _capstan(s, pull, of, S))
+
+
+def _adhering_length(along: Shear, of: Layer, g: Scalar) -> Scalar:
+    """Unstretched length of the cords that adhere, to the third order of their tension over EA."""
+    full = of.EA + along.low
+    first, last = along.first / full, along.last / full
+    a, end = along.a, along.end
+    left = -jnp.expm1(-a * end)
+    once = (first + last) * left / a
+    both = 2 * first * last * jnp.exp(-a * end) * end
+    twice = -(first**2 + last**2) * jnp.expm1(-2 * a * end) / (2 * a) + both
+    return (of.EA - g) / full * (end - once + twice)
+
+
+def _sliding_length(along: Shear, pull: Pull, of: Layer, S: Scalar) -> Scalar:
+    """Unstretched length of the cords that slide."""
+    start = _capstan(along.end, pull, of, S)
+    change = jnp.log(pull.P_out / start)
+    creep = jnp.log((of.EA + pull.P_out) / (of.EA + start))
+    way = jnp.where(pull.P_out < pull.P_in, -1.0, 1.0)
+    return way * of.R / of.mu * (of.EA - pull.g) / of.EA * (change - creep)
 
 
 def on_cushion(pull: Pull, of: Layer) -> Met:
     """The belt on a pulley with a cushion, by thin layers."""
     S, first, last = contact_length(pull, of)
     along, left = shear(pull, of, S)
-    points = S * (1 + _POINTS) / 2
-    P = tension(points, pull, of, along, S)
-    unstretched = S / 2 * jnp.sum(_WEIGHTS / strained(P, of.EA, pull.g))
+    unstretched = _adhering_length(along, of, pull.g) + _sliding_length(along, pull, of, S)
     om = strained(along.low, of.EA, pull.g) * (1 + along.low / (of.k_r * of.R**2))
     most = jnp.maximum(pull.P_in, pull.P_out)
     depth = 1 / (of.R * decay(most, of) ** 2) * (1 - 1 / jnp.cosh(decay(most, of) * S / 2))
@@ -207,8 +227,9 @@ def profile(pull: Pull, of: Layer, share: Array) -> tuple[Array, Array, Array, A
     start, end = jnp.exp(-lam_in * s), jnp.exp(-lam_out * (S - s))
     whole = 1 + jnp.exp(-(lam_in + lam_out) * S / 2)
     x = (1 - (start + end) / whole) / (of.R * decay(P, of) ** 2)
-    t = along.a * jnp.minimum(s, along.end)
-    adhering = along.a / of.k_s * (along.A * jnp.sinh(t) + along.B * (jnp.cosh(t) - start))
+    _, adhering = along.at(s, of.k_s)
+    # The shear begins at nothing; the first layer brings it to what the formula starts from.
+    adhering = adhering - start * along.at(jnp.zeros_like(s), of.k_s)[1]
     way = jnp.where(pull.P_out < pull.P_in, -1.0, 1.0)
     zeta = jnp.where(s < along.end, adhering, way * of.mu * P / (of.k_s * of.R))
     return x, last * end - first * start, P, zeta
@@ -239,3 +260,14 @@ def met_thin(pull: Pull, of: Layer) -> Met:
     """The belt on any pulley, by thin layers."""
     soft, bare = on_cushion(pull, lent(pull, of)), on_rim(pull, of)
     return jax.tree.map(lambda a, b: jnp.where(of.soft > 0, a, b), soft, bare)
+
+
+def end_curvature(P: Array, EI: Scalar, k_r: Scalar) -> Array:
+    """Curvature of a stiff belt where it meets the cushion, over the pulley's (U8).
+
+    On a hard pulley it is 1. A cushion takes the belt up before and after the point of contact, so
+    that its curvature grows over a length there.
+    """
+    root = jnp.sqrt(k_r * jnp.where(EI > 0, EI, 1.0))
+    found = root / (root + jnp.sqrt(P * (P + 2 * root)) + P)
+    return jnp.where(EI > 0, found, 0.0)

@@ -4,7 +4,8 @@ The letters are those of `physics.cushion`. On one arc, over the angle phi about
 ds = r dphi/cos chi, r = R - x, N = k_r x/(1 + T/EA) and the shear stress k_s zeta/(1 + T/EA), which
 friction limits to f = mu N,
 
-    dx/dphi = -r tan chi                        dchi/dphi = 1 - (N cos chi + f sin chi) r/(P cos chi)
+    dx/dphi = -r tan chi
+    dchi/dphi = 1 - (N cos chi + f sin chi) r/(P cos chi)
     dP/dphi = (f cos chi - N sin chi) r/cos chi
     dzeta/dphi = (cos chi - om r/(R (1 + T/EA))) r/cos chi
     x = 0, P = P_in, zeta = 0 at the entry;    x = 0, P = P_out at the exit
@@ -23,11 +24,11 @@ from beltjax.numerics.bvp.collocation import (
     Unknowns,
     interpolate,
     interval_lengths,
+    remesh,
     stage_values,
 )
 from beltjax.numerics.bvp.gauss import gauss
 from beltjax.numerics.bvp.mesh import moved_mesh
-from beltjax.numerics.bvp.collocation import remesh
 from beltjax.physics import cushion as thin
 from beltjax.physics.cushion import Layer, Met, Pull, Scalar, decay, strained
 from beltjax.physics.inclined_arcs import Arc, Ends

@@ -53,7 +53,7 @@ class CushionModel(NamedTuple):
     m0: Scalar
     c: Scalar | None  # V_ref
     v: Scalar | None  # speed of the driver's surface
-    G: Scalar | None  # mass flow
+    G: Scalar | None  # mass flow, in place of m0
 
 
 class Given(NamedTuple):
@@ -128,20 +128,22 @@ def equations(
             jnp.where(model.driving > 0, length, moment),
             turn - spans.turns,
             balance,
-            (g - load * model.m0 * V_ref**2)[None] / given.tension,
+            (g - load * _flux(model, V_ref))[None] / given.tension,
         ]
     )
     return residual, Running(P, q, g, V_ref, met, spans, M, L0, relaxed, force)
 
 
 def _speed(model: CushionModel, met: Met) -> Scalar:
-    """V_ref, from whichever speed is given."""
-    if model.G is not None:
-        return model.G / model.m0
-    if model.v is not None:
-        return model.v / jnp.sum(model.driving * met.om)
-    assert model.c is not None
-    return model.c
+    """V_ref, which is given or follows from the driver's speed."""
+    if model.c is not None:
+        return model.c
+    assert model.v is not None
+    return model.v / jnp.sum(model.driving * met.om)
+
+
+def _flux(model: CushionModel, V_ref: Scalar) -> Scalar:
+    return model.m0 * V_ref**2 if model.G is None else model.G * V_ref
 
 
 def start(model: CushionModel, tension: Scalar) -> Array:
@@ -255,5 +257,8 @@ def solve_exact(model: CushionModel, given: Given, guess: Array, elements: int) 
     lacking = jnp.where(soft, jax.vmap(lacking_moment)(z, arcs.mesh, layers), 0.0)
     error = jax.lax.stop_gradient(jnp.max(lacking))
     good = good & jnp.all(running.spans.exists) & (error < _BALANCED)
+    # The mesh before shows what this one leaves out.
+    moved = jnp.max(jnp.abs(history.x[-1] - history.x[-2]))
+    error = jnp.maximum(error, moved)
     steps = jnp.sum(history.steps)
     return Found(running, arcs._replace(z=z), root, error, good, last.residual, steps)
