@@ -253,6 +253,8 @@ def _model(made: Assembly, groups: ContactGroups, scales: Scales) -> CushionMode
     order = TravelOrder.of(made.loops, made.driven.travel).pulleys
     belt, count = drive.belt, len(drive.pulleys)
     unit = scales.length**2 / scales.tension
+    assert belt.cushion_radial is not None  # as `_require_cushion` holds
+    assert belt.cushion_shear is not None
     soft = jax.lax.stop_gradient(jnp.stack([p.cushion for p in drive.pulleys]))[order]
     sticks = np.array([float(pulley.friction is None) for pulley in drive.pulleys])
     layers = Layer(

@@ -55,7 +55,7 @@ def _shear_force(y: Array, of: Layer, long: Array) -> Array:
 
 
 def _along(_: Scalar, y: Array, p: Array, args: tuple[Layer, Ends]) -> Array:
-    of, _ = args
+    of = args[0]
     span, om, g = p
     chi, P = y[1], y[2]
     long = strained(P, of.EA, g)
@@ -87,7 +87,7 @@ def _conditions(first: Array, last: Array, p: Array, args: tuple[Layer, Ends]) -
 
 def first_arc(of: Layer, ends: Ends, elements: int) -> Arc:
     """A start: thin layers."""
-    pull = Pull(*ends)
+    pull = Pull(ends.P_in, ends.P_out, ends.turn, ends.g)
     met = thin.on_cushion(pull, of)
     u = 1 / (decay((pull.P_in + pull.P_out) / 2, of) * met.length)
     t = jnp.linspace(-1.0, 1.0, elements + 1)

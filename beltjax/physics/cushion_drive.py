@@ -5,7 +5,7 @@ Pulleys are numbered as the belt meets them, span i runs from pulley i to the ne
     M_i = R_i (P_out cos chi_out - P_in cos chi_in)      given, but for the driver
     turn_i = the angle between the spans before and after it
 
-the unstretched lengths add up to the belt's, and the bodies balance. docs/theory/cushion.md, (U8).
+the unstretched lengths add up to the belt's, and the bodies balance. docs/theory/cushion.md.
 """
 
 from typing import Any, NamedTuple
@@ -189,31 +189,46 @@ class _Search(NamedTuple):
     steps: Array
 
 
+def _ends(x: Array, model: CushionModel, nominal: Ends) -> Ends:
+    """What each arc is given; that of a pulley without a cushion is held, and not used."""
+    ends, soft = Ends(*pulls_of(x, model)), model.layers.soft > 0
+    return jax.tree.map(lambda a, b: jnp.where(soft, a, b), ends, nominal)
+
+
+def _met(x: Array, z: Unknowns, mesh: Array, layers: Layer, model: CushionModel) -> Met:
+    """How the belt lies on each pulley, the arcs of those with a cushion given."""
+    soft = jax.vmap(met_of)(z, mesh, layers)
+    bare = jax.vmap(on_rim)(pulls_of(x, model), model.layers)
+    return jax.tree.map(lambda a, b: jnp.where(model.layers.soft > 0, a, b), soft, bare)
+
+
+def _exact(x: Array, args: Any) -> tuple[Array, tuple[Running, Unknowns, Layer]]:
+    """Residuals of the drive whose arcs follow x on their meshes."""
+    model, given, (arcs, nominal, root) = args
+    layers = jax.vmap(cushion.lent)(pulls_of(root, model), model.layers)
+    z = jax.vmap(lambda one, ends, arc: solved_arc(arc_problem, (one, ends), arc))(
+        layers, _ends(x, model, nominal), arcs
+    )
+    met = _met(x, z, arcs.mesh, layers, model)
+    residual, running = equations(x, met, model, given, jnp.ones(()))
+    return residual, (running, z, layers)
+
+
 def solve_exact(model: CushionModel, given: Given, guess: Array, elements: int) -> Found:
     """The drive with the exact geometry of its arcs, near the one of thin layers."""
     of, held_given, x = jax.lax.stop_gradient((model, given, guess))
-    lent = jax.vmap(cushion.lent)
-    layers = lent(pulls_of(x, of), of.layers)
+    layers = jax.vmap(cushion.lent)(pulls_of(x, of), of.layers)
     nominal = Ends(*pulls_of(x, of))
-
-    def ends_of(x: Array, model: CushionModel) -> Ends:
-        ends = Ends(*pulls_of(x, model))
-        # Of a pulley without a cushion the arc is held, and not used.
-        return jax.tree.map(lambda a, b: jnp.where(of.layers.soft > 0, a, b), ends, nominal)
-
-    def met(x: Array, z: Unknowns, mesh: Array, layers: Layer, model: CushionModel) -> Met:
-        soft = jax.vmap(met_of)(z, mesh, layers)
-        bare = jax.vmap(on_rim)(pulls_of(x, model), model.layers)
-        return jax.tree.map(lambda a, b: jnp.where(of.layers.soft > 0, a, b), soft, bare)
 
     def step(state: _Search) -> _Search:
         def residual(x: Array, z: Unknowns) -> Array:
-            here = met(x, z, state.arcs.mesh, layers, of)
+            here = _met(x, z, state.arcs.mesh, layers, of)
             return equations(x, here, of, held_given, jnp.ones(()))[0]
 
-        move = joint_step(
-            state.x, state.arcs, layers, arc_problem, lambda x: ends_of(x, of), residual
-        )
+        def ends_of(x: Array) -> Ends:
+            return _ends(x, of, nominal)
+
+        move = joint_step(state.x, state.arcs, layers, arc_problem, ends_of, residual)
         turned = jnp.max(jnp.abs(move.z.y[:, 1])) / _LARGEST
         pulled = jnp.max(jnp.abs(move.z.y[:, 2] / state.arcs.z.y[:, 2])) / _LARGEST
         size = jnp.max(jnp.stack([jnp.max(jnp.abs(move.x)) / _LARGEST, turned, pulled]))
@@ -240,19 +255,10 @@ def solve_exact(model: CushionModel, given: Given, guess: Array, elements: int) 
     arcs = jax.lax.stop_gradient(jax.tree.map(lambda a, b: jnp.where(good, a, b), last.arcs, arcs))
     root = jnp.where(good, last.x, x)
 
-    def function(x: Array, args: tuple[CushionModel, Given]) -> tuple[Array, Any]:
-        model, given = args
-        layers = lent(pulls_of(root, model), model.layers)
-        ends = ends_of(x, model)
-        z = jax.vmap(lambda one, ends, arc: solved_arc(arc_problem, (one, ends), arc))(
-            layers, ends, arcs
-        )
-        here = met(x, z, arcs.mesh, layers, model)
-        residual, running = equations(x, here, model, given, jnp.ones(()))
-        return residual, (running, z, layers)
-
+    # All that is traced goes through the arguments: the rule of the derivative outlives this call.
     args = frozen_unless(good, (model, given))
-    root, (running, z, layers) = implicit_solution(function, args, root)
+    held = jax.lax.stop_gradient((arcs, nominal, root))
+    root, (running, z, layers) = implicit_solution(_exact, (*args, held), root)
     soft = of.layers.soft > 0
     lacking = jnp.where(soft, jax.vmap(lacking_moment)(z, arcs.mesh, layers), 0.0)
     error = jax.lax.stop_gradient(jnp.max(lacking))

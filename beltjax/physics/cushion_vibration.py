@@ -116,7 +116,7 @@ def numbering(n: int, coordinates: int, mesh: Mesh) -> tuple[np.ndarray, np.ndar
 
 
 def own_curvature(s: Array, of: Vibrating) -> Array:
-    """Curvature of the cords at s [n, ...] of the arcs (U10)."""
+    """Curvature of the cords at s [n, ...] of the arcs (U11)."""
     shape = (-1, *(1,) * (s.ndim - 1))
     R, lam, S, side, soft = (
         jnp.reshape(x, shape) for x in (of.R, of.lam, of.arcs, of.side, of.soft)
@@ -167,7 +167,7 @@ def _on_arcs(of: Vibrating, mesh: Mesh) -> _Parts:
         """Factors of unknowns at every point; those from `start` on have these values."""
         return jnp.zeros(full).at[..., start : start + values.shape[-1]].set(values)
 
-    slope = D * (2 / h)[..., None]
+    slope = jnp.asarray(D) * (2 / h)[..., None]
     here = jnp.broadcast_to(N, (*s.shape, size))
     along, across = row(0, here), row(size, here)
     along_slope, across_slope = row(0, slope), row(size, slope)
@@ -198,8 +198,8 @@ def _on_arcs(of: Vibrating, mesh: Mesh) -> _Parts:
     mass = form(of.m * weights, along, along) + form(of.m * weights, across, across)
     places = numbering(n, m, mesh)[0]
     k = places.shape[-1]
-    flat = (part.reshape(-1, k, k) for part in (mass, transport, stiffness))
-    return _Parts(*flat, places.reshape(-1, k))
+    mass, transport, stiffness = (x.reshape(-1, k, k) for x in (mass, transport, stiffness))
+    return _Parts(mass, transport, stiffness, places.reshape(-1, k))
 
 
 def _on_spans(of: Vibrating, mesh: Mesh) -> _Parts:
