@@ -31,14 +31,14 @@ from beltjax.numerics.bvp.gauss import gauss
 from beltjax.numerics.bvp.mesh import moved_mesh
 from beltjax.physics import cushion as thin
 from beltjax.physics.cushion import Layer, Met, Pull, Scalar, decay, strained
-from beltjax.physics.inclined_arcs import Arc, Ends
+from beltjax.physics.inclined_arcs import Arc, ArcEnds
 
 STAGES = 3
 DEEP, SHEARED = 0.01, 0.001  # units of x/R and zeta/R, so that all unknowns are of order 0.1 to 1
 CROWDED = 3.0  # nodes in the end layers, over those that an even mesh would have
 
 
-def arc_problem(of: Layer, ends: Ends) -> Problem:
+def arc_problem(of: Layer, ends: ArcEnds) -> Problem:
     """The two-point problem of one arc, on [0, 1]."""
     return Problem(_along, _conditions, _unit(), (of, ends), None)
 
@@ -54,7 +54,7 @@ def _shear_force(y: Array, of: Layer, long: Array) -> Array:
     return jnp.where(of.sticks > 0, f, jnp.clip(f, -held, held)) / long
 
 
-def _along(_: Scalar, y: Array, p: Array, args: tuple[Layer, Ends]) -> Array:
+def _along(_: Scalar, y: Array, p: Array, args: tuple[Layer, ArcEnds]) -> Array:
     of = args[0]
     span, om, g = p
     chi, P = y[1], y[2]
@@ -70,7 +70,7 @@ def _along(_: Scalar, y: Array, p: Array, args: tuple[Layer, Ends]) -> Array:
     return span * jnp.stack(slopes)
 
 
-def _conditions(first: Array, last: Array, p: Array, args: tuple[Layer, Ends]) -> Array:
+def _conditions(first: Array, last: Array, p: Array, args: tuple[Layer, ArcEnds]) -> Array:
     ends = args[1]
     return jnp.stack(
         [
@@ -85,7 +85,7 @@ def _conditions(first: Array, last: Array, p: Array, args: tuple[Layer, Ends]) -
     )
 
 
-def first_arc(of: Layer, ends: Ends, elements: int) -> Arc:
+def first_arc(of: Layer, ends: ArcEnds, elements: int) -> Arc:
     """A start: thin layers."""
     pull = Pull(ends.P_in, ends.P_out, ends.turn, ends.g)
     met = thin.on_cushion(pull, of)

@@ -22,7 +22,7 @@ from beltjax.numerics.roots import followed_root, implicit_solution
 from beltjax.physics import cushion
 from beltjax.physics.cushion import Layer, Met, Pull, met_thin, on_rim, strained
 from beltjax.physics.cushion_arc import arc_problem, first_arc, lacking_moment, met_of, moved_arc
-from beltjax.physics.inclined_arcs import Arc, Ends, joint_step, solved_arc
+from beltjax.physics.inclined_arcs import Arc, ArcEnds, joint_step, solved_arc
 from beltjax.physics.inclined_spans import (
     Frame,
     InclinedSpans,
@@ -189,9 +189,9 @@ class _Search(NamedTuple):
     steps: Array
 
 
-def _ends(x: Array, model: CushionModel, nominal: Ends) -> Ends:
+def _ends(x: Array, model: CushionModel, nominal: ArcEnds) -> ArcEnds:
     """What each arc is given; that of a pulley without a cushion is held, and not used."""
-    ends, soft = Ends(*pulls_of(x, model)), model.layers.soft > 0
+    ends, soft = ArcEnds(*pulls_of(x, model)), model.layers.soft > 0
     return jax.tree.map(lambda a, b: jnp.where(soft, a, b), ends, nominal)
 
 
@@ -218,14 +218,14 @@ def solve_exact(model: CushionModel, given: Given, guess: Array, elements: int) 
     """The drive with the exact geometry of its arcs, near the one of thin layers."""
     of, held_given, x = jax.lax.stop_gradient((model, given, guess))
     layers = jax.vmap(cushion.lent)(pulls_of(x, of), of.layers)
-    nominal = Ends(*pulls_of(x, of))
+    nominal = ArcEnds(*pulls_of(x, of))
 
     def step(state: _Search) -> _Search:
         def residual(x: Array, z: Unknowns) -> Array:
             here = _met(x, z, state.arcs.mesh, layers, of)
             return equations(x, here, of, held_given, jnp.ones(()))[0]
 
-        def ends_of(x: Array) -> Ends:
+        def ends_of(x: Array) -> ArcEnds:
             return _ends(x, of, nominal)
 
         move = joint_step(state.x, state.arcs, layers, arc_problem, ends_of, residual)

@@ -21,6 +21,7 @@ from jaxtyping import Array, Float, Int
 from numpy.polynomial import legendre
 
 from beltjax.numerics.gyroscopic import Forms
+from beltjax.physics.vibration import Matrices
 
 Scalar = Float[Array, ""]
 Pulleys = Float[Array, " n"]
@@ -62,14 +63,6 @@ class Mesh(NamedTuple):
     elements: int  # on each arc
     degree: int  # on these elements
     span_degree: int  # on each free span
-
-
-class Matrices(NamedTuple):
-    """M z'' + G z' + K z = 0."""
-
-    mass: Size
-    gyroscopic: Size
-    stiffness: Size
 
 
 class _Parts(NamedTuple):

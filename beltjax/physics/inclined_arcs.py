@@ -28,12 +28,12 @@ from beltjax.numerics.roots import solve_dense
 
 Scalar = Float[Array, ""]
 # The two-point problem of one arc, from the pulley and what the drive prescribes.
-ProblemOf = Callable[[Any, "Ends"], Problem]
+ProblemOf = Callable[[Any, "ArcEnds"], Problem]
 
 PRESCRIBED = 4  # the conditions in which the drive enters
 
 
-class Ends(NamedTuple):
+class ArcEnds(NamedTuple):
     """What spans and belt prescribe at the ends of an arc."""
 
     P_in: Scalar
@@ -83,7 +83,7 @@ def joint_step(
     arcs: Arc,
     of: Any,
     problem_of: ProblemOf,
-    ends_of: Callable[[Array], Ends],
+    ends_of: Callable[[Array], ArcEnds],
     equations: Callable[[Array, Unknowns], Array],
 ) -> Move:
     """A step for unknowns x, whose `equations` depend on the arcs' unknowns, too."""
@@ -109,7 +109,7 @@ def joint_step(
 
 
 @functools.partial(jax.custom_jvp, nondiff_argnums=(0,))
-def solved_arc(problem_of: ProblemOf, numbers: tuple[Any, Ends], arc: Arc) -> Unknowns:
+def solved_arc(problem_of: ProblemOf, numbers: tuple[Any, ArcEnds], arc: Arc) -> Unknowns:
     """The unknowns of a converged arc, as functions of pulley and ends on a mesh that is held.
 
     The slopes by each of the numbers are taken once, from the equations; a second derivative is

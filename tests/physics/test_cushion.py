@@ -20,7 +20,7 @@ from beltjax.numerics.gyroscopic import hermitian_modes
 from beltjax.physics import cushion, cushion_arc, cushion_vibration
 from beltjax.physics.cushion import Layer, Pull
 from beltjax.physics.cushion_vibration import Mesh, Vibrating
-from beltjax.physics.inclined_arcs import Ends, arc_step
+from beltjax.physics.inclined_arcs import ArcEnds, arc_step
 
 CASES = json.loads((Path(__file__).parents[1] / "data" / "cushion.json").read_text())
 
@@ -59,7 +59,7 @@ def test_shear_and_sliding_of_a_hard_layer(case):
 def solved(case, elements=48):
     """One arc with its ends held, by Newton's method on two meshes."""
     of = layer(case["R"], case["k_r"], case["k_s"], case["EA"])
-    ends = Ends(*pull(case["P_in"], case["P_out"], case["turn"]))
+    ends = ArcEnds(*pull(case["P_in"], case["P_out"], case["turn"]))
 
     @jax.jit
     def found(of, ends):
