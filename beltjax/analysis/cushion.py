@@ -151,6 +151,7 @@ def cushion_state(
         AnalysisError: the result is a failure, and `throw` is set.
 
     Examples:
+        >>> drive, point = bj.load_drive("examples/three_pulley_cushion.toml")
         >>> state = bj.cushion_state(drive, point, bj.ThinCushion())
         >>> state.contact_angles, state.hub_loads  # [rad], [N]
     """
