@@ -161,11 +161,40 @@ class Belt(Readable):
             at_least=0,
         ),
     )
+    cushion_radial: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number(
+            "N/m^2",
+            "of a soft layer between cords and pulleys: force per unstretched length and give "
+            "towards the axis, for `bj.cushion_state`. In a file `cushion = { radial, shear }`",
+            above=0,
+            design=True,
+            quantity="stiffness of a cushion",
+        ),
+    )
+    cushion_shear: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number(
+            "N/m^2",
+            "of that layer: force per unstretched length and shear along the belt",
+            above=0,
+            design=True,
+            quantity="stiffness of a cushion",
+        ),
+    )
     name: str = eqx.field(static=True, default="belt")
     # Those of a standard, between which nothing lies, so that nothing is differentiated by them.
     pitch: float | None = eqx.field(static=True, default=None)  # of the teeth [m]; None: no teeth
     # Lengths along the neutral axis [m] in which the belt is sold.
     standard_lengths: tuple[float, ...] = eqx.field(static=True, default=())
+
+    def __check_init__(self):
+        if (self.cushion_radial is None) != (self.cushion_shear is None):
+            raise ValueError(
+                f"Belt {self.name!r}: cushion_radial and cushion_shear go together; give both."
+            )
 
 
 class Pulley(Readable):
@@ -237,6 +266,8 @@ class Pulley(Readable):
     on: Float[Array, " coordinates"] = eqx.field(converter=as_flags, default=())
     # 1: the accessory is bolted to the body that carries its pulley, 0: to the ground.
     housed: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)
+    # 0: the cords lie on this pulley itself, though the belt has a cushion.
+    cushion: Float[Array, ""] = eqx.field(converter=as_real, default=1.0)
     # How friction falls from `friction_static`: data, too.
     friction_law: Float[Array, ""] | None = eqx.field(converter=as_friction_law, default=None)
     belt: str | None = eqx.field(static=True, default=None)  # name of its belt; None: the only one

@@ -32,7 +32,7 @@ Two = Field(min_length=2, max_length=2)
 class BeltTable(Table):
     """[belt] or [[belt]]."""
 
-    translated = ("pitch_offset", "back_offset")
+    translated = ("pitch_offset", "back_offset", "cushion")
     name: Annotated[str, meaning("of its own, where there are several")] = "belt"
     pitch: Annotated[
         Annotated[float, Field(gt=0)] | None,
@@ -79,6 +79,10 @@ class PulleyTable(Table):
             "carries its pulley, which then feels its torque"
         ),
     ] = "ground"
+    cushion: Annotated[
+        bool,
+        meaning("`false` where the cords lie on the pulley itself, though the belt has a cushion"),
+    ] = True
     friction_law: Annotated[
         Literal["stribeck", "cubic"] | None,
         meaning(

@@ -4,8 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from beltjax.drive.file_bodies import SINGLE
-from beltjax.drive.file_friction import KEY as FRICTION
-from beltjax.drive.file_friction import PARTS as FRICTIONS
+from beltjax.drive.file_inner_tables import plain_key
 from beltjax.drive.file_makers_data import DIAMETERS, LENGTHS, effective_excess
 from beltjax.drive.file_origin import OF_TENSIONERS, Origin
 from beltjax.drive.file_plausibility import as_number, doubts
@@ -93,8 +92,7 @@ def _keys(words: tuple[str, ...], content: dict[str, Any]) -> list[str]:
         return [".".join(words[:4])]  # a list has the unit of its items
     if words[0] == "pulley" and words[-1] in DIAMETERS:
         words = (*words[:-1], "radius")
-    if words[0] == "tensioner" and words[-2] == FRICTION:
-        words = (*words[:-2], FRICTIONS.get(words[-1], words[-1]))
+    words = plain_key(words)
     if words[0] == "tensioner" and words[-1] == "preload":
         return [".".join(words), ".".join((*words[:-1], "force"))]
     if words[:2] == ("installation", "belt_length") and words[-1] in LENGTHS:

@@ -35,7 +35,7 @@ class WarningPart(Part):
         "`load_outside_table`, `span_slackens`, `orbit_unstable`, `span_slack_in_motion`, "
         "`slope_too_large`, `belt_slips_in_motion`, `grazing` (members of `bj.RESULTS`), "
         "`tension_above_allowable`, `belt_slips`, `damper_on_given_motion`, "
-        "`damping_joins_clutch` or `modes_left_out`"
+        "`damping_joins_clutch`, `cushion_left_out` or `modes_left_out`"
     )
     text: str = meaning("the same in words, with names and numbers")
 
