@@ -57,7 +57,9 @@ class Tab:
         self._open = contextlib.ExitStack()
         with urllib.request.urlopen(ask) as answer:
             address_of_tab = json.load(answer)["webSocketDebuggerUrl"]
-        self._socket = self._open.enter_context(connect(address_of_tab, max_size=2**27))
+        self._socket = self._open.enter_context(
+            connect(address_of_tab, max_size=2**27, ping_interval=None)
+        )
         self._count, self.problems, self.requests, self.downloads = 0, [], [], []
         for domain in ("Page", "Runtime", "Network", "Log"):
             self.call(f"{domain}.enable")

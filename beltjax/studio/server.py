@@ -153,6 +153,7 @@ def serve(talk: Callable[[], Conversation], at: socket.socket, browser: bool) ->
         lifespan="off",
         ws="websockets-sansio",
         ws_max_size=_LARGEST,
+        ws_ping_interval=None,  # on one machine nothing is lost but while something compiles
         timeout_graceful_shutdown=1,
         server_header=False,
     )

@@ -26,7 +26,7 @@ def main():
     try:
         with chromium() as at:
             with Tab(at, address, 1360, 1010) as tab:
-                tab.until("globalThis.studio?.answer && studio.curves", 400)
+                tab.until("globalThis.studio?.answer?.judged === 'true' && studio.curves", 400)
                 tab.click("#show-start")
                 tab.drag('[data-handle="center:3"]', (14, 10), steps=12, pause=0.05, drop=False)
                 time.sleep(2)
@@ -45,7 +45,7 @@ def main():
                 time.sleep(1)
                 tab.picture(HERE / "studio_impossible.png")
             with Tab(at, address, 1360, 1010) as tab:
-                tab.until("globalThis.studio?.answer && studio.curves", 400)
+                tab.until("globalThis.studio?.answer?.judged === 'true' && studio.curves", 400)
                 tab.click("#optimize")
                 ended = "document.getElementById('search-text')?.textContent.includes('optimum')"
                 tab.until(ended, 300)
@@ -53,7 +53,7 @@ def main():
                 time.sleep(2)
                 tab.picture(HERE / "studio_optimized.png")
             with Tab(at, address, 390, 844) as tab:
-                tab.until("globalThis.studio?.answer && studio.curves", 400)
+                tab.until("globalThis.studio?.answer?.judged === 'true' && studio.curves", 400)
                 time.sleep(2)
                 tab.picture(HERE / "studio_phone.png")
     finally:

@@ -20,7 +20,7 @@ from drives import EXAMPLES
 import beltjax as bj
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(420)]
-READY = "globalThis.studio?.answer && studio.curves"
+READY = "globalThis.studio?.answer?.judged === 'true' && studio.curves"
 LATEST = 100  # [ms] from a pointer's move to the true answer on the page
 
 
