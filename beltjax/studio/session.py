@@ -50,7 +50,7 @@ _DEEPEST = 200  # steps that are kept for undoing
 TOLERANCES = {"center": 1e-4, "radius": 5e-5, "angle": np.pi / 360, "tension": 0.03}
 
 
-class Step(NamedTuple):
+class UndoStep(NamedTuple):
     """A state to which undoing leads back."""
 
     study: optimize.Study
@@ -70,8 +70,8 @@ class Session:
         self.case = 0
         self.before: optimize.Study | None = None  # a search
         self.tolerances: dict[str, float] | None = None  # deviations of numbers [SI], if shown
-        self.past: list[Step] = []
-        self.future: list[Step] = []
+        self.past: list[UndoStep] = []
+        self.future: list[UndoStep] = []
         self._dragged: optimize.Study | None = None
         self._programs: dict[Any, Any] = {}
         self._bare, self._parts = opened.study, []
@@ -137,7 +137,7 @@ class Session:
     def end(self, what: str = "dragged") -> None:
         """End a drag, which is one step for undoing."""
         if self._dragged is not None and self._dragged is not self.study:
-            self._keep(Step(self._dragged, what))
+            self._keep(UndoStep(self._dragged, what))
         self._dragged = None
 
     def set_numbers(self, values: Mapping[str, float], what: str = "") -> None:
@@ -146,12 +146,12 @@ class Session:
         Raises `ValueError` for numbers that the drive does not have or cannot have.
         """
         changed = self._changed(self.study, values)
-        self._keep(Step(self.study, what or f"set {', '.join(values)}"))
+        self._keep(UndoStep(self.study, what or f"set {', '.join(values)}"))
         self.study = changed
 
     def take(self, drive: Drive, what: str) -> None:
         """Take another drive of the same parts, as one step."""
-        self._keep(Step(self.study, what))
+        self._keep(UndoStep(self.study, what))
         self.study = eqx.tree_at(lambda s: s.drive, self.study, drive)
 
     def undo(self) -> bool:
@@ -162,16 +162,16 @@ class Session:
         """Go forward again; returns whether there was a step that was undone."""
         return self._step(self.future, self.past)
 
-    def _step(self, source: list[Step], target: list[Step]) -> bool:
+    def _step(self, source: list[UndoStep], target: list[UndoStep]) -> bool:
         self._dragged = None
         if not source:
             return False
         step = source.pop()
-        target.append(Step(self.study, step.what))
+        target.append(UndoStep(self.study, step.what))
         self.study = step.study
         return True
 
-    def _keep(self, step: Step) -> None:
+    def _keep(self, step: UndoStep) -> None:
         self.past = [*self.past, step][-_DEEPEST:]
         self.future = []
 
