@@ -22,6 +22,7 @@ from beltjax.studio.programs import Answered, JudgedStudy, Readout
 _LARGEST = 12  # numbers listed as those that move the objective most
 _STEPS = {"m": 1e-3, "rad": math.pi / 180}  # changes that a person means by "a little" [SI]
 _NEAR = 0.05  # of a limit's size: closer than this counts as near
+_ON_IT = 1e-9  # likewise: an optimum stands on its limits to rounding, on either side
 
 
 def fields(drive: Drive, flat: np.ndarray, modes: int) -> dict[str, tuple[int, int]]:
@@ -80,7 +81,8 @@ def lights(study: optimize.Study, own: int, found: JudgedStudy) -> list[dict[str
         good = bool(values.found)
         state = "unknown"
         if good:
-            state = "missed" if distance < 0 else "near" if distance < _NEAR * size else "met"
+            state = "near" if distance < _NEAR * size else "met"
+            state = "missed" if distance < -_ON_IT * size else state
         shown.append(
             {
                 "quantity": name,
@@ -93,6 +95,7 @@ def lights(study: optimize.Study, own: int, found: JudgedStudy) -> list[dict[str
                 "side": "lower" if lower_is_near else "upper",
                 "distance": plain(distance) if good else None,
                 "state": state,
+                "size": size,
                 "implied": i >= own,
                 "row": np.asarray(row),
             }

@@ -54,8 +54,7 @@ function limits(view) {
     let distance = null, state = "unknown";
     if (value !== null) {
       distance = Math.min(one.lower === null ? Infinity : value - one.lower, one.upper === null ? Infinity : one.upper - value);
-      const limit = one.side === "lower" ? one.lower : one.upper;
-      state = distance < 0 ? "missed" : distance < 0.05 * Math.max(Math.abs(limit), 1e-12) ? "near" : "met";
+      state = distance < -1e-9 * one.size ? "missed" : distance < 0.05 * one.size ? "near" : "met";
     }
     const size = page.told.values.length + 1 + k;
     const range = `${one.lower === null ? "" : digits(one.lower * factor, 4)} … ${one.upper === null ? "" : digits(one.upper * factor, 4)}`;
@@ -63,7 +62,7 @@ function limits(view) {
       element("td", {}, element("span", { class: `lamp ${state}`, role: "img", "aria-label": state }), ` ${one.quantity}${one.implied ? " (to be built)" : ""}`),
       cell(value, value === null ? "–" : digits(value * factor, 4) + around(size, factor), `limit:${one.quantity}`),
       element("td", {}, range),
-      element("td", { class: state === "missed" ? "bad" : "", "data-value": distance }, distance === null ? "–" : digits(distance * factor, 3)),
+      element("td", { class: state === "missed" ? "bad" : "", "data-value": distance }, distance === null ? "–" : digits(Math.abs(distance) < 1e-9 * one.size ? 0 : distance * factor, 3)),
       element("td", { class: "text" }, shown));
   });
   at("limits").replaceChildren(element("h2", {}, "Limits"), table(["quantity", "value", "limits", "distance", ""], rows));
