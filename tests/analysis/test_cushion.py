@@ -214,15 +214,16 @@ def test_what_a_cushion_needs_is_said():
 
 @pytest.mark.slow
 def test_friction_limits_the_shear_of_the_exact_state():
-    # A hard cushion: both routes end near the string of Table 5.1, which slips over 1.909 rad.
-    drive = on_cushion(TABLE, 1e9)
+    # A hard cushion: both routes near the string of Table 5.1, which slips over 1.909 rad. What
+    # each leaves out is of the order of its stated error.
+    drive = on_cushion(TABLE, 1e8)
     exact, thin = bj.cushion_state(drive, POINT), bj.cushion_state(drive, POINT, THIN)
-    assert float(exact.error) < 1e-4
-    assert exact.slips == pytest.approx(thin.slips, abs=0.03)
-    assert exact.tensions == pytest.approx(thin.tensions, rel=1e-3)
-    assert float(exact.efficiency) == pytest.approx(float(thin.efficiency), abs=1e-6)
+    assert float(exact.error) < 1e-3
+    assert exact.slips == pytest.approx(thin.slips, abs=0.05)
+    assert exact.tensions == pytest.approx(thin.tensions, rel=2e-3)
+    assert float(exact.efficiency) == pytest.approx(float(thin.efficiency), abs=2e-6)
     # More than friction holds: told by both.
     heavy = dataclasses.replace(POINT, torque={"driven": 12.0})
-    for method in (THIN, None):
+    for method in (THIN, bj.Cushion()):
         state = bj.cushion_state(drive, heavy, method, throw=False)
         assert state.result != bj.RESULTS.successful
