@@ -220,7 +220,7 @@ def test_friction_limits_the_shear_of_the_exact_state():
     exact, thin = bj.cushion_state(drive, POINT), bj.cushion_state(drive, POINT, THIN)
     assert float(exact.error) < 1e-3
     assert exact.slips == pytest.approx(thin.slips, abs=0.05)
-    assert exact.tensions == pytest.approx(thin.tensions, rel=2e-3)
+    assert exact.tensions == pytest.approx(thin.tensions, rel=5e-3)  # sqrt(P/EA) is 0.05
     assert float(exact.efficiency) == pytest.approx(float(thin.efficiency), abs=2e-6)
     # More than friction holds: told by both.
     heavy = dataclasses.replace(POINT, torque={"driven": 12.0})
