@@ -334,7 +334,7 @@ else:
             "No state of the belt on its cushion was found. The torques may be more than friction "
             "holds, the speed too high for the tension, or a pulley may lose contact: lower the "
             "torques or the speed, raise the tension, or give the pulleys more wrap. For a layer "
-            "above 3e9 N/m^2 take ThinCushion()."
+            "much harder than 1e8 N/m^2 take ThinCushion()."
         )
         contact_not_found = (
             "No shape of the belt was found that touches the pulleys. Look for a number far out "

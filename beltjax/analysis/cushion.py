@@ -212,11 +212,13 @@ def _cushion_state(
     slow = _given_speed(model) < critical
     moved = layout(drive, running.q * groups.units, throw=False)
     strain = jnp.max(cushion.strained(running.P, model.layers.EA[0], running.g)) - 1
+    gross = jnp.any(found.gross)
     missing = first_failure(
         (~good, RESULTS.numbers_unusable),
         (~succeeded(drawable), drawable),
         (~jnp.all(cushion.bears(pure.tension, model.layers)), RESULTS.cushion_too_soft),
         (~found.converged & ~slow, RESULTS.beyond_critical_speed),
+        (~found.converged & gross, RESULTS.gross_slip),
         (~(found.converged & rested), RESULTS.cushion_state_not_found),
     )
     result = first_failure(
@@ -224,7 +226,7 @@ def _cushion_state(
         (~succeeded(moved.result), moved.result),
         (strain > LARGEST_STRAIN, RESULTS.belt_overstretched),
         (jnp.any(running.met.length <= 0), RESULTS.wrap_vanished),
-        (jnp.any(running.met.sliding >= _wraps(running, model)), RESULTS.gross_slip),
+        (gross, RESULTS.gross_slip),
     )
     state = _state(asked, made, groups, scales, model, found, method, result)
     if not isinstance(made.rule, BeltGiven):
@@ -266,6 +268,7 @@ def _model(made: Assembly, groups: ContactGroups, scales: Scales) -> CushionMode
         soft=soft,
         sticks=jnp.asarray(sticks)[order],
         EA=jnp.broadcast_to(groups.stretches[0], (count,)),
+        blur=jnp.full(count, cushion_drive.SHARP),
     )
     frame = Frame(
         x=groups.centers[:, 0],
@@ -309,7 +312,8 @@ def _found(
         if isinstance(method, ThinCushion):
             return thin
         exact = cushion_drive.solve_exact(model, task, thin.root, method.elements)
-        return exact._replace(converged=exact.converged & thin.converged)
+        gross = jnp.where(exact.converged, exact.gross, thin.gross)
+        return exact._replace(converged=exact.converged & thin.converged, gross=gross)
 
     def stage(before: tuple[Array, Array, Array], task: Given) -> tuple[Any, Found]:
         length, relaxed, begin = before

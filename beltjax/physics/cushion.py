@@ -35,6 +35,7 @@ class Layer(NamedTuple):
     soft: Scalar  # 1 with a cushion, 0 for cords that lie on the pulley itself
     sticks: Scalar  # 1 where no friction is given, so that nothing slides
     EA: Scalar
+    blur: Scalar  # length over R in which sliding cords give up shear that friction cannot hold
 
 
 class Pull(NamedTuple):
@@ -112,8 +113,8 @@ def contact_length(pull: Pull, of: Layer) -> tuple[Scalar, Scalar, Scalar]:
     return arc + first + last, first / of.R, last / of.R
 
 
-def shear(pull: Pull, of: Layer, S: Scalar) -> tuple[Shear, Scalar]:
-    """Tension along the arc, and the shear that is carried out (U5), (U6).
+def shear(pull: Pull, of: Layer, S: Scalar) -> tuple[Shear, Scalar, Array]:
+    """Tension along the arc, the shear that is carried out, and gross slip (U5), (U6).
 
     The first layer leaves the cords behind by 5/4 chi^2/lam, the last one does so again.
     """
@@ -129,12 +130,13 @@ def shear(pull: Pull, of: Layer, S: Scalar) -> tuple[Shear, Scalar]:
     top = jnp.where(found.slides, _capstan(end, pull, of, S), pull.P_out)
     along = adhering.up_to(end, top)
     _, lag = along.at(end, of.k_s)
-    return along, lag - jnp.where(found.slides, 0.0, behind[1])
+    return along, lag - jnp.where(found.slides, 0.0, behind[1]), found.wholly
 
 
 class _Sliding(NamedTuple):
     slides: Array
     begin: Scalar
+    wholly: Array  # whether friction cannot hold the tensions apart, wherever sliding begins
 
 
 class _Adhering(NamedTuple):
@@ -177,7 +179,8 @@ def _sliding_from(adhering: _Adhering) -> _Sliding:
     found = bracketed_root(held.excess, least, held.S)
     begin = jnp.where(slides, found.root, held.S)
     rooted = implicit_root(lambda s, of: of.excess(s), adhering, begin)
-    return _Sliding(slides, jnp.where(slides, rooted, adhering.S))
+    wholly = slides & (held.excess(least) > 0)
+    return _Sliding(slides, jnp.where(slides, rooted, adhering.S), wholly)
 
 
 def tension(s: Array, pull: Pull, of: Layer, along: Shear, S: Scalar) -> Array:
@@ -209,18 +212,20 @@ def _sliding_length(along: Shear, pull: Pull, of: Layer, S: Scalar) -> Scalar:
 def on_cushion(pull: Pull, of: Layer) -> Met:
     """The belt on a pulley with a cushion, by thin layers."""
     S, first, last = contact_length(pull, of)
-    along, left = shear(pull, of, S)
+    along, left, wholly = shear(pull, of, S)
     unstretched = _adhering_length(along, of, pull.g) + _sliding_length(along, pull, of, S)
     om = strained(along.low, of.EA, pull.g) * (1 + along.low / (of.k_r * of.R**2))
     most = jnp.maximum(pull.P_in, pull.P_out)
     depth = 1 / (of.R * decay(most, of) ** 2) * (1 - 1 / jnp.cosh(decay(most, of) * S / 2))
-    return Met(-first, last, S, unstretched, om, left, (S - along.end) / of.R, depth)
+    # Sliding all over is told by an angle that no belt touches.
+    sliding = jnp.where(wholly, 2 * jnp.pi + pull.turn, (S - along.end) / of.R)
+    return Met(-first, last, S, unstretched, om, left, sliding, depth)
 
 
 def profile(pull: Pull, of: Layer, share: Array) -> tuple[Array, Array, Array, Array]:
     """Give x, angle chi, P and shear zeta at shares [...] of the contact length (U4)."""
     S, first, last = contact_length(pull, of)
-    along, _ = shear(pull, of, S)
+    along, _, _ = shear(pull, of, S)
     s = S * share
     lam_in, lam_out = decay(pull.P_in, of), decay(pull.P_out, of)
     P = tension(s, pull, of, along, S)

@@ -1,16 +1,16 @@
 """A string on an elastic layer around its pulley, with the exact geometry, by collocation.
 
 The letters are those of `physics.cushion`. On one arc, over the angle phi about the axis, with
-ds = r dphi/cos chi, r = R - x, N = k_r x/(1 + T/EA) and the shear stress k_s zeta/(1 + T/EA), which
-friction limits to f = mu N,
+ds = r dphi/cos chi, r = R - x, N = k_r x/(1 + T/EA) and f = k_s zeta/(1 + T/EA),
 
     dx/dphi = -r tan chi
     dchi/dphi = 1 - (N cos chi + f sin chi) r/(P cos chi)
     dP/dphi = (f cos chi - N sin chi) r/cos chi
-    dzeta/dphi = (cos chi - om r/(R (1 + T/EA))) r/cos chi
+    dzeta/dphi = (cos chi - om r/(R (1 + T/EA)) - u/(blur R)) r/cos chi
     x = 0, P = P_in, zeta = 0 at the entry;    x = 0, P = P_out at the exit
 
-over span = turn + chi_out - chi_in, with span and om as unknown parameters. docs/theory/cushion.md,
+over span = turn + chi_out - chi_in, with span and om as unknown parameters; u is the shear beyond
+what friction holds. docs/theory/cushion.md,
 (U1) and (U2).
 """
 
@@ -48,10 +48,18 @@ def _unit() -> Interval:
 
 
 def _shear_force(y: Array, of: Layer, long: Array) -> Array:
-    """Force of the shear on the belt, and of friction where that is less."""
-    held = of.mu * of.k_r * of.R * DEEP * jnp.maximum(y[0], 0.0)
-    f = of.k_s * of.R * SHEARED * y[3]
-    return jnp.where(of.sticks > 0, f, jnp.clip(f, -held, held)) / long
+    """Force of the shear on the belt."""
+    return of.k_s * of.R * SHEARED * y[3] / long
+
+
+def _unheld(y: Array, of: Layer) -> Array:
+    """Shear over R that friction cannot hold."""
+    held = of.mu * of.k_r / of.k_s * DEEP * jnp.maximum(y[0], 0.0)
+    zeta, width = SHEARED * y[3], of.blur * y[2] / (of.k_s * of.R**2)
+    above, below = zeta - held, zeta + held
+    # What is above `held`, and below its negative, with corners of this width.
+    unheld = (above + jnp.hypot(above, width) + below - jnp.hypot(below, width)) / 2
+    return jnp.where(of.sticks > 0, 0.0, unheld)
 
 
 def _along(_: Scalar, y: Array, p: Array, args: tuple[Layer, ArcEnds]) -> Array:
@@ -65,7 +73,7 @@ def _along(_: Scalar, y: Array, p: Array, args: tuple[Layer, ArcEnds]) -> Array:
         -r * tan / DEEP,
         1 - (N + f * tan) * r * of.R / P,
         (f - N * tan) * r * of.R,
-        (1 - om * r / (long * cos)) * r / SHEARED,
+        (1 - om * r / (long * cos) - _unheld(y, of) / (of.blur * cos)) * r / SHEARED,
     ]
     return span * jnp.stack(slopes)
 
@@ -117,8 +125,8 @@ def met_of(z: Unknowns, mesh: Array, of: Layer) -> Met:
     weights = gauss(STAGES).weights[:, None] * interval_lengths(_unit(), mesh)
     length = weights * z.p[0] * of.R * (1 - DEEP * y[0]) / jnp.cos(y[1])
     long = strained(y[2], of.EA, z.p[2])
-    held = of.mu * of.k_r * DEEP * jnp.maximum(y[0], 0.0)
-    slides = (of.k_s * SHEARED * jnp.abs(y[3]) > held) & (of.sticks == 0)
+    held = of.mu * of.k_r / of.k_s * DEEP * jnp.maximum(y[0], 0.0)
+    slides = (jnp.abs(SHEARED * y[3]) > held) & (of.sticks == 0)
     return Met(
         chi_in=z.y[1, 0],
         chi_out=z.y[1, -1],
@@ -145,6 +153,4 @@ def lacking_moment(z: Unknowns, mesh: Array, of: Layer) -> Scalar:
 def profile(arc: Arc, of: Layer, share: Float[Array, " m"]) -> tuple[Array, Array]:
     """Give x and shear zeta at shares of the angle of contact."""
     y, _ = interpolate(_unit(), arc.mesh, arc.z, share)
-    x, zeta = DEEP * of.R * y[0], SHEARED * of.R * y[3]
-    held = of.mu * of.k_r * jnp.maximum(x, 0.0) / of.k_s
-    return x, jnp.where(of.sticks > 0, zeta, jnp.clip(zeta, -held, held))
+    return DEEP * of.R * y[0], SHEARED * of.R * y[3]

@@ -22,7 +22,7 @@ from beltjax.numerics.roots import followed_root, implicit_solution
 from beltjax.physics import cushion
 from beltjax.physics.cushion import Layer, Met, Pull, met_thin, on_rim, strained
 from beltjax.physics.cushion_arc import arc_problem, first_arc, lacking_moment, met_of, moved_arc
-from beltjax.physics.inclined_arcs import Arc, ArcEnds, joint_step, solved_arc
+from beltjax.physics.inclined_arcs import Arc, ArcEnds, arc_step, joint_step, solved_arc
 from beltjax.physics.inclined_spans import (
     Frame,
     InclinedSpans,
@@ -36,10 +36,16 @@ Scalar = Float[Array, ""]
 Pulleys = Float[Array, " n"]
 Spans = Float[Array, " n"]
 
+# A layer that is hard in shear comes from one of _EASY times its radial stiffness.
+_EASED = (1.0, 0.75, 0.5, 0.25, 0.0, 0.0, 0.0, 0.0, 0.0)
+_EASY = 2.0
 _LARGEST = 0.3  # of an unknown in one step of Newton's method
 _CLOSE = 1e-10  # a step below it, in units of the largest, is the last one
 _MOST_STEPS = 20
-_MESHES = 2
+SHARP = 1e-4  # blur of friction in the end
+# Friction holds ever more sharply, each time on a better mesh.
+_BLURS = (1.0, 0.3, 0.1, 0.03, 0.01, 3e-3, 1e-3, 3e-4, SHARP)
+_ALL = 0.995  # of an arc that counts as the whole
 _BALANCED = 1e-6  # of R P: what the balance of moments may lack
 
 
@@ -88,6 +94,7 @@ class Found(NamedTuple):
     arcs: Arc | None  # each leaf [n], along the travel; None: thin layers
     root: Array
     error: Scalar  # relative, of the arcs
+    gross: Bool[Array, " n"]  # whether the cords slide over the whole arc
     converged: Bool[Array, ""]
     residual: Scalar
     steps: Array
@@ -178,7 +185,13 @@ def solve_thin(model: CushionModel, given: Given, guess: Array) -> Found:
     error = jnp.max(jnp.abs(running.met.chi_out)) ** 2
     good = good & jnp.all(running.spans.exists)
     left = jnp.max(jnp.abs(found.residual))
-    return Found(running, None, root, error, good, left, found.steps)
+    return Found(running, None, root, error, _gross(running), good, left, found.steps)
+
+
+def _gross(running: Running) -> Bool[Array, " n"]:
+    met = running.met
+    wrap = running.spans.turns + met.chi_out - met.chi_in
+    return met.sliding > _ALL * wrap
 
 
 class _Search(NamedTuple):
@@ -220,7 +233,7 @@ def solve_exact(model: CushionModel, given: Given, guess: Array, elements: int) 
     layers = jax.vmap(cushion.lent)(pulls_of(x, of), of.layers)
     nominal = ArcEnds(*pulls_of(x, of))
 
-    def step(state: _Search) -> _Search:
+    def step(state: _Search, layers: Layer) -> _Search:
         def residual(x: Array, z: Unknowns) -> Array:
             here = _met(x, z, state.arcs.mesh, layers, of)
             return equations(x, here, of, held_given, jnp.ones(()))[0]
@@ -228,10 +241,16 @@ def solve_exact(model: CushionModel, given: Given, guess: Array, elements: int) 
         def ends_of(x: Array) -> ArcEnds:
             return _ends(x, of, nominal)
 
-        move = joint_step(state.x, state.arcs, layers, arc_problem, ends_of, residual)
+        steps = jax.vmap(lambda one, ends, arc: arc_step(arc_problem(one, ends), arc))(
+            layers, ends_of(state.x), state.arcs
+        )
+        move = joint_step(state.x, state.arcs, steps, ends_of, residual)
         turned = jnp.max(jnp.abs(move.z.y[:, 1])) / _LARGEST
         pulled = jnp.max(jnp.abs(move.z.y[:, 2] / state.arcs.z.y[:, 2])) / _LARGEST
-        size = jnp.max(jnp.stack([jnp.max(jnp.abs(move.x)) / _LARGEST, turned, pulled]))
+        rows = jnp.max(jnp.abs(state.arcs.z.y), axis=2)  # [n, 4]
+        deeper = jnp.max(jnp.max(jnp.abs(move.z.y[:, 0]), axis=1) / rows[:, 0]) / 0.5
+        moved = jnp.max(jnp.abs(move.x)) / _LARGEST
+        size = jnp.max(jnp.stack([moved, turned, pulled, deeper]))
         part = jnp.minimum(1.0, 1 / size)
         z = jax.tree.map(lambda a, b: a + part * b, state.arcs.z, move.z)
         arcs = state.arcs._replace(z=z)
@@ -240,16 +259,23 @@ def solve_exact(model: CushionModel, given: Given, guess: Array, elements: int) 
     def going(state: _Search) -> Bool[Array, ""]:
         return (state.size > _CLOSE) & (state.steps < _MOST_STEPS) & (state.size < 1e6)
 
-    def on_better_mesh(state: _Search, _: None) -> tuple[_Search, _Search]:
+    def easier(blur: Scalar, share: Scalar) -> Layer:
+        easy = jnp.minimum(layers.k_s, _EASY * layers.k_r)
+        k_s = layers.k_s ** (1 - share) * easy**share
+        return layers._replace(k_s=k_s, blur=jnp.broadcast_to(blur, of.pull.shape))
+
+    def sharper(state: _Search, level: tuple[Scalar, Scalar]) -> tuple[_Search, _Search]:
+        blurred = easier(*level)
         begin = state._replace(size=jnp.where(state.size < 1e6, 1.0, jnp.inf))
-        end = jax.lax.while_loop(going, step, begin)
+        end = jax.lax.while_loop(going, lambda state: step(state, blurred), begin)
         again = jax.vmap(moved_arc)(end.arcs)
         return end._replace(arcs=again, steps=jnp.zeros((), int)), end
 
-    arcs = jax.vmap(lambda one, ends: first_arc(one, ends, elements))(layers, nominal)
+    first = easier(jnp.asarray(_BLURS[0]), jnp.asarray(_EASED[0]))
+    arcs = jax.vmap(lambda one, ends: first_arc(one, ends, elements))(first, nominal)
     zero = jnp.zeros(())
     state = in_lanes_of(x, _Search(x, arcs, zero, zero, jnp.zeros((), int)))
-    _, history = jax.lax.scan(on_better_mesh, state, None, length=_MESHES)
+    _, history = jax.lax.scan(sharper, state, (jnp.array(_BLURS), jnp.array(_EASED)))
     last = jax.tree.map(lambda a: a[-1], history)
     good = (last.size <= _CLOSE) & jnp.all(jnp.isfinite(last.x))
     arcs = jax.lax.stop_gradient(jax.tree.map(lambda a, b: jnp.where(good, a, b), last.arcs, arcs))
@@ -263,8 +289,9 @@ def solve_exact(model: CushionModel, given: Given, guess: Array, elements: int) 
     lacking = jnp.where(soft, jax.vmap(lacking_moment)(z, arcs.mesh, layers), 0.0)
     error = jax.lax.stop_gradient(jnp.max(lacking))
     good = good & jnp.all(running.spans.exists) & (error < _BALANCED)
-    # The mesh before shows what this one leaves out.
+    # The one before shows what mesh and blur leave out.
     moved = jnp.max(jnp.abs(history.x[-1] - history.x[-2]))
     error = jnp.maximum(error, moved)
     steps = jnp.sum(history.steps)
-    return Found(running, arcs._replace(z=z), root, error, good, last.residual, steps)
+    gross = _gross(running)
+    return Found(running, arcs._replace(z=z), root, error, gross, good, last.residual, steps)

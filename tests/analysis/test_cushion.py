@@ -123,6 +123,7 @@ def test_derivatives_three_ways():
         np.testing.assert_allclose(forward[place], slope, rtol=2e-5, atol=1e-7 * abs(slope).max())
 
 
+@pytest.mark.slow
 def test_a_bad_lane_leaves_its_neighbors():
     drive = on_cushion(TABLE, 2e7)
 
@@ -210,3 +211,20 @@ def test_what_a_cushion_needs_is_said():
         bj.cushion_state(soft, RUNNING, "thin")
     with pytest.raises(bj.AnalysisError, match="speed"):
         bj.cushion_state(on_cushion(TABLE, 2e7), dataclasses.replace(POINT, mass_flow=40.0), THIN)
+
+
+@pytest.mark.slow
+def test_friction_limits_the_shear_of_the_exact_state():
+    # A hard cushion: both routes near the string of Table 5.1, which slips over 1.909 rad. What
+    # each leaves out is of the order of its stated error.
+    drive = on_cushion(TABLE, 1e8)
+    exact, thin = bj.cushion_state(drive, POINT), bj.cushion_state(drive, POINT, THIN)
+    assert float(exact.error) < 1e-3
+    assert exact.slips == pytest.approx(thin.slips, abs=0.05)
+    assert exact.tensions == pytest.approx(thin.tensions, rel=5e-3)  # sqrt(P/EA) is 0.05
+    assert float(exact.efficiency) == pytest.approx(float(thin.efficiency), abs=2e-6)
+    # More than friction holds: told by both.
+    heavy = dataclasses.replace(POINT, torque={"driven": 12.0})
+    for method in (THIN, bj.Cushion()):
+        state = bj.cushion_state(drive, heavy, method, throw=False)
+        assert state.result != bj.RESULTS.successful

@@ -26,7 +26,7 @@ CASES = json.loads((Path(__file__).parents[1] / "data" / "cushion.json").read_te
 
 
 def layer(R, k_r, k_s, EA, mu=None):
-    numbers = (R, k_r, k_s, mu or 1.0, 1.0, float(mu is None), EA)
+    numbers = (R, k_r, k_s, mu or 1.0, 1.0, float(mu is None), EA, 1e-9)
     return Layer(*(jnp.asarray(x, float) for x in numbers))
 
 
@@ -50,7 +50,8 @@ def test_shear_and_sliding_of_a_hard_layer(case):
     mu = case["mu"] if case["mu"] < 10 else None
     of = layer(case["R"], 1e16, case["k_s"], case["EA"], mu)
     S, closed = case["R"] * case["turn"], case["closed"]
-    along, left = cushion.shear(pull(case["P_in"], case["P_out"], case["turn"]), of, S)
+    along, left, wholly = cushion.shear(pull(case["P_in"], case["P_out"], case["turn"]), of, S)
+    assert not bool(wholly)
     assert float(along.low) == pytest.approx(closed["Pstar"], rel=1e-9)
     assert float(left) == pytest.approx(closed["zeta"], rel=1e-9)
     assert float(S - along.end) / case["R"] == pytest.approx(closed["slip_angle"], abs=1e-8)

@@ -1,14 +1,14 @@
 """What a belt's cushion changes, in documents and tables: `cushion` of `beltjax analyze`."""
 
 import math
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from beltjax.analysis.cushion import Cushion, CushionState, cushion_state
+from beltjax.analysis.cushion import Cushion, CushionState, ThinCushion, cushion_state
 from beltjax.analysis.cushion_vibration import has_all_for_vibration
 from beltjax.analysis.linearization import linearize
 from beltjax.analysis.modes import modes
@@ -50,6 +50,7 @@ class CushionSpanPart(Part):
 class CushionPart(Part):
     """The running belt on its cushion, which the other keys leave out."""
 
+    method: Literal["exact", "thin"] = meaning("thin layers where no exact state was found")
     pulleys: list[CushionPulleyPart] = meaning("in listed order")
     spans: list[CushionSpanPart] = meaning("in listed order")
     coupling_total: Maybe = meaning("Gamma")
@@ -69,7 +70,9 @@ def cushion_part(
     if all(belt.cushion_radial is None for belt in drive.belts):
         return None, []
     try:
-        state = run_kept(_state, *canonical(drive, point))
+        state = run_kept(_state, *canonical(drive, point), Cushion())
+        if state.result == RESULTS.cushion_state_not_found:  # as of layers that are very hard
+            state = run_kept(_state, *canonical(drive, point), ThinCushion())
         hertz, result = None, state.result
         if succeeded(state.result) and has_all_for_vibration(drive):
             found = run_kept(_modes, state)
@@ -82,8 +85,8 @@ def cushion_part(
     return _part(drive, jax.device_get(state), hertz), []
 
 
-def _state(drive: Drive, point: OperatingPoint) -> CushionState:
-    return cushion_state(drive, point, Cushion(), throw=False)
+def _state(drive: Drive, point: OperatingPoint, method: Cushion | ThinCushion) -> CushionState:
+    return cushion_state(drive, point, method, throw=False)
 
 
 def _modes(state: CushionState) -> tuple[Any, RESULTS]:
@@ -108,6 +111,7 @@ def _part(drive: Drive, state: CushionState, hertz: Any) -> dict[str, Any]:
         "coupling": state.coupling,
     }
     return {
+        "method": "exact" if isinstance(state.method, Cushion) else "thin",
         "pulleys": _rows([pulley.name for pulley in drive.pulleys], columns),
         "spans": _rows(drive.span_names, along),
         "coupling_total": plain(np.sum(state.coupling)),
