@@ -256,7 +256,7 @@ def contact_solution(
     made = _with_belts_of_the_string(assembled(drive, point)._replace(drawn=drawn))
     drive, start = made.drive, _installed(made)
     base = start.tensions[0]
-    taken, scalable = _torques(made, base, maximum)
+    taken, scalable = scaled_torques(made, base, maximum)
     groups, scales = contact_groups(made, point, taken, base)
     model = contact_model(groups, law)
     rested, solved, installed = _solutions(made, groups, scales, model, start, maximum)
@@ -346,7 +346,7 @@ def _installed(made: Assembly) -> _Start:
     return _Start(tensions, at, lengths, springs_of.relaxed, bare, string.result)
 
 
-def _torques(
+def scaled_torques(
     made: Assembly, tension: Float[Array, ""], maximum: Float[Array, ""]
 ) -> tuple[Float[Array, " pulleys"], Bool[Array, ""]]:
     """Torques taken from the belts [N m], and whether there are any to scale."""

@@ -161,11 +161,41 @@ class Belt(Readable):
             at_least=0,
         ),
     )
+    wedge_angle: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number(
+            "rad",
+            "of the grooves, between their flanks, in which the belt wedges: contact is then that "
+            "of `docs/grooves.md`. In a file also a table `groove = { angle, wedge_stiffness }`",
+            above=0,
+            design=True,
+            rare=True,
+        ),
+    )
+    wedge_stiffness: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number(
+            "N/m^2",
+            "beside it: side force on the belt per penetration into the groove and unstretched "
+            "length, of the whole width",
+            above=0,
+            design=True,
+            rare=True,
+        ),
+    )
     name: str = eqx.field(static=True, default="belt")
     # Those of a standard, between which nothing lies, so that nothing is differentiated by them.
     pitch: float | None = eqx.field(static=True, default=None)  # of the teeth [m]; None: no teeth
     # Lengths along the neutral axis [m] in which the belt is sold.
     standard_lengths: tuple[float, ...] = eqx.field(static=True, default=())
+
+    def __check_init__(self):
+        if (self.wedge_angle is None) != (self.wedge_stiffness is None):
+            raise ValueError(
+                f"Belt {self.name!r}: wedge_angle and wedge_stiffness go together: give both."
+            )
 
 
 class Pulley(Readable):
@@ -230,6 +260,18 @@ class Pulley(Readable):
         default=None,
         metadata=number("m", "for clearance", above=0, largest_bare=LARGEST_BARE_RADIUS),
     )
+    wedge_angle: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number(
+            "rad",
+            "of its own groove, in place of the belt's `wedge_angle`. In a file also a table "
+            "`groove = { angle }`",
+            above=0,
+            design=True,
+            rare=True,
+        ),
+    )
     # Which pulley drives and which tensioner carries it are data, not structure: drives that
     # differ only there share one compiled function and may share a batch.
     driver: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # 1: its motion is given
@@ -237,6 +279,8 @@ class Pulley(Readable):
     on: Float[Array, " coordinates"] = eqx.field(converter=as_flags, default=())
     # 1: the accessory is bolted to the body that carries its pulley, 0: to the ground.
     housed: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)
+    # 1: a belt that wedges does so here, 0: the rim is smooth; of a pulley on its back 0 anyway.
+    wedged: Float[Array, ""] = eqx.field(converter=as_real, default=1.0)
     # How friction falls from `friction_static`: data, too.
     friction_law: Float[Array, ""] | None = eqx.field(converter=as_friction_law, default=None)
     belt: str | None = eqx.field(static=True, default=None)  # name of its belt; None: the only one

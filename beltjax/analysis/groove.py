@@ -1,0 +1,405 @@
+"""Belts that wedge in the grooves of V- or ribbed pulleys: forces, slip, losses and zones."""
+
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from beltjax.analysis.contact import scaled_torques
+from beltjax.analysis.installed import free_positions, held
+from beltjax.analysis.reference import LARGEST_STRAIN, resting
+from beltjax.compiling.batched_loops import in_lanes_of
+from beltjax.compiling.quick import long_boundary_jit
+from beltjax.drive.assembly import Assembly, assembled
+from beltjax.drive.canonical import canonical
+from beltjax.drive.components import as_real
+from beltjax.drive.contact_groups import ContactGroups, TravelOrder, contact_groups
+from beltjax.drive.groups import Scales
+from beltjax.drive.installation import BeltGiven, TensionGiven
+from beltjax.drive.layout import layout
+from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.placeholders import harmless, numbers_are_usable
+from beltjax.drive.readable import Readable
+from beltjax.drive.system import Drive
+from beltjax.numerics.bvp.collocation import Interval, interpolate
+from beltjax.numerics.derivative_rules import differentiated_once
+from beltjax.numerics.rigid_bodies import holding_stop
+from beltjax.physics import groove_drive as physics
+from beltjax.physics.contact import BeltMotion
+from beltjax.physics.groove import Groove as Flanks
+from beltjax.physics.groove_arc import DEEP, states
+from beltjax.physics.groove_measures import Measures, measures
+from beltjax.physics.inclined_spans import Frame
+from beltjax.results import (
+    RESULTS,
+    first_failure,
+    frozen_where_failed,
+    raise_unless_successful,
+    succeeded,
+)
+
+BALANCED = 1e-7  # of the mean tension: what the balance of moments may lack
+BLURRED = 0.01  # of the driver's moment: a larger error by the friction's viscous part is told
+
+
+class Groove(eqx.Module):
+    """The full model, by collocation on each arc."""
+
+    slip_velocity: Float[Array, ""] = eqx.field(converter=as_real, default=1e-5)
+    elements: int = eqx.field(static=True, default=400)
+
+
+class GrooveErrors(eqx.Module):
+    """How far the viscous part of friction, below `slip_velocity`, moves each number.
+
+    Estimated from the state at a larger one; in the units of the numbers.
+    """
+
+    tensions: Float[Array, " spans"]
+    speeds: Float[Array, " pulleys"]
+    moments: Float[Array, " pulleys"]
+    slip: Float[Array, " pulleys"]
+    loss: Float[Array, " pulleys"]
+    contact_angles: Float[Array, "pulleys 2"]
+    wraps: Float[Array, " pulleys"]
+    penetrations: Float[Array, " pulleys"]
+    efficiency: Float[Array, ""]
+
+
+class GrooveState(Readable):
+    """A belt that wedges in grooves, in listed order; a span starts at its first listed pulley."""
+
+    tensions: Float[Array, " spans"]  # [N]
+    speeds: Float[Array, " pulleys"]  # [rad/s], magnitudes
+    moments: Float[Array, " pulleys"]  # taken from the belt, the driver's negative [N m]
+    slip: Float[Array, " pulleys"]  # 1 - (omega R)/(omega R of the driver)
+    loss: Float[Array, " pulleys"]  # power of sliding [W]
+    wraps: Float[Array, " pulleys"]  # angles over which the belt touches [rad]
+    contact_angles: Float[Array, "pulleys 2"]  # chi where it comes in and where it leaves [rad]
+    zones: Float[Array, "pulleys 4"]  # seating, adhesion, sliding, unseating [rad]
+    penetrations: Float[Array, " pulleys"]  # the deepest of each [m]
+    efficiency: Float[Array, ""]  # power delivered over power taken up
+    power_in: Float[Array, ""]  # of the driver [W]
+    power_out: Float[Array, ""]  # that the accessories take [W]
+    driver_moment: Float[Array, ""]  # magnitude [N m]
+    torque_factor: Float[Array, ""]  # on the operating point's torques; 1 unless they were scaled
+    span_lengths: Float[Array, " spans"]  # [m]
+    span_speeds: Float[Array, " spans"]  # of the belt [m/s]
+    unstretched_length: Float[Array, ""]  # L0 [m]
+    unstretched_speed: Float[Array, ""]  # V_ref [m/s]
+    mass_flow: Float[Array, ""]  # G [kg/s]
+    coordinates: Float[Array, " coordinates"]  # from the drawn positions [rad] or [m]
+    at_stop: Float[Array, " coordinates"]  # -1 at the least, 1 at the greatest coordinate, else 0
+    energy_balance: Float[Array, ""]  # power that is missing [W]
+    moment_balance: Float[Array, " pulleys"]  # moment that is missing [N m]
+    regularization: GrooveErrors
+    slip_velocity: Float[Array, ""]  # over the unstretched belt's speed
+    order: TravelOrder  # of what is listed, as the belt meets it
+    model: physics.GrooveModel  # in the units of `scales`, along the belt's travel
+    solved: physics.Solved
+    scales: Scales
+    error: Float[Array, ""]  # residual of the equations before the last Newton step: an upper bound
+    result: RESULTS
+    warning: RESULTS
+    stats: dict[str, Array]
+
+    @property
+    def feasible(self) -> Bool[Array, ""]:
+        """Whether the state was found and is physical."""
+        return succeeded(self.result)
+
+    def penetration(self, i: int, s: Array) -> Array:
+        """Depth [m] of the belt in the groove of pulley i; 0 on a smooth one.
+
+        `s` are fractions of the angle over which the belt touches, from where it comes in.
+        """
+        place, y, _ = self._along(i, s)
+        radius = jnp.abs(self.model.frame.rho)[place] * self.scales.length
+        return jnp.where(self.model.flat[place] > 0, 0.0, DEEP * y[0] * radius)
+
+    def sliding_angle(self, i: int, s: Array) -> Array:
+        """Direction in which the belt slides over the flanks of pulley i [rad]; `s` as above.
+
+        From 0, inwards, over +-90 degrees, along the groove (positive where the belt is faster), to
+        +-180 degrees, outwards. 0 on a smooth pulley.
+        """
+        place, y, p = self._along(i, s)
+        of = jax.tree.map(lambda x: x[place], self.solved.grooves)
+        at = states(y, p, of)
+        angle = jnp.arctan2(at.v_t, -at.v_g)
+        return jnp.where(self.model.flat[place] > 0, 0.0, angle)
+
+    def _along(self, i: int, s: Array) -> tuple[Any, Array, Array]:
+        if not 0 <= i < len(self.slip):
+            raise IndexError(f"pulley {i} of {len(self.slip)}: pulleys count from 0.")
+        place = self.order.pulleys[i]
+        arc = jax.tree.map(lambda x: x[place], self.solved.arcs)
+        unit = Interval(jnp.zeros(()), jnp.ones(()))
+        s = jnp.asarray(s)
+        y, _ = interpolate(unit, arc.mesh, arc.z, jnp.ravel(s))
+        return place, y.reshape(3, *s.shape), arc.z.p
+
+
+def groove_state(
+    drive: Drive,
+    point: OperatingPoint,
+    method: Groove | None = None,
+    *,
+    throw: bool = True,
+) -> GrooveState:
+    """The running belt in the grooves of its pulleys: penetration, sliding, slip and losses."""
+    found = _groove(drive, point, Groove() if method is None else method, 0, 0.0)
+    return raise_unless_successful(found, found.result, throw)
+
+
+def _groove(
+    drive: Drive, point: OperatingPoint, method: Groove, limit: int, slip: Any
+) -> GrooveState:
+    unmet = unmet_groove(drive, point, limit > 0)
+    if unmet is not None:
+        raise ValueError(f"{unmet.key} {unmet.message}.")
+    asked = as_real(limit), as_real(slip)
+    return groove_solution(*canonical(drive, point), method, *asked)
+
+
+class UnmetGroove(NamedTuple):
+    """What keeps a drive from being asked, by its key in a drive file."""
+
+    key: str
+    message: str
+
+
+def unmet_groove(drive: Drive, point: OperatingPoint, maximum: bool) -> UnmetGroove | None:
+    """What the model of grooves cannot do without; None where nothing is missing."""
+    if len(drive.belts) > 1:
+        return UnmetGroove("belt", "are several; the model of grooves has one: leave others out")
+    return None
+
+
+@long_boundary_jit
+def groove_solution(
+    drive: Drive,
+    point: OperatingPoint,
+    method: Groove,
+    limit: Float[Array, ""],
+    slip: Float[Array, ""],
+) -> GrooveState:
+    """`groove_state` or `maximum_moment`, whose failures are in its result alone."""
+    good = numbers_are_usable(drive, point)
+    drive, point = harmless(drive, point, good)
+    drawn = layout(drive, throw=False)
+    drawable = drawn.result
+    drive, point = harmless(drive, point, succeeded(drawable))
+    made = assembled(drive, point)._replace(drawn=drawn)
+    start = _start(made)
+    base = start.tension
+    taken, scalable = scaled_torques(made, base, (limit > 0).astype(float))
+    groups, scales = contact_groups(made, point, taken, base)
+    fit = good & succeeded(drawable)
+    model = groove_model(made, groups, scales, method, fit)
+    rested, solved = _solutions(made, groups, scales, model, method, start, limit, slip)
+    found = measures(solved.unknown, solved.loop, solved.arcs, solved.grooves, model)
+    coarse = jax.lax.stop_gradient(measures(*solved.coarser, model))
+    strain = jnp.max(solved.loop.stretch) - 1
+    moved = layout(drive, solved.unknown.q * groups.units, throw=False)
+    level = jnp.abs(model.frame.rho) * jnp.mean(found.P)
+    lacking = jnp.max(jnp.abs(found.moment) / level) > BALANCED
+    flat = (model.flat > 0) & (model.loaded > 0)
+    missing = first_failure(
+        (~good, RESULTS.numbers_unusable),
+        (~succeeded(drawable), drawable),
+        (~scalable, RESULTS.no_torque_to_scale),
+        (~rested, RESULTS.groove_not_found),
+        (~solved.converged, RESULTS.groove_not_found),
+        (lacking, RESULTS.groove_unresolved),
+    )
+    result = first_failure(
+        (~succeeded(missing), missing),
+        (~succeeded(moved.result), moved.result),
+        (strain > LARGEST_STRAIN, RESULTS.belt_overstretched),
+        (jnp.any(flat & (found.zones[:, 1] < -1e-9)), RESULTS.gross_slip),
+    )
+    state = _state(made, groups, scales, model, solved, found, coarse, method, result)
+    return frozen_where_failed(differentiated_once(state), missing)
+
+
+class _Start(NamedTuple):
+    tension: Float[Array, ""]  # [N]
+    coordinates: Float[Array, " coordinates"]  # from the drawn positions [rad] or [m]
+    length: Float[Array, ""]  # of the unstretched belt [m]; 1 where the tension gives it
+    relaxed: Float[Array, " coordinates"]  # force of the springs at the drawn positions
+
+
+def _start(made: Assembly) -> _Start:
+    """What the installation gives, and where a search begins."""
+    rule, still = made.rule, made.still
+    if isinstance(rule, TensionGiven):
+        return _Start(rule.tension, still, jnp.ones(()), still)
+    assert isinstance(rule, BeltGiven)  # as `unmet_groove` holds
+    string, fixed = resting(made), jax.lax.stop_gradient
+    rested = succeeded(string.result)
+    nominal = 0.01 * made.EA[0]
+    tension = fixed(jnp.where(rested, string.base_tensions[0], nominal))
+    at = fixed(jnp.where(rested, string.coordinates, 0.0))
+    lengths = jnp.broadcast_to(rule.belt_length, (1,))
+    springs_of = held(made, lengths, free_positions(made, rule))
+    return _Start(tension, at, lengths[0], springs_of.relaxed)
+
+
+def groove_model(
+    made: Assembly, groups: ContactGroups, scales: Scales, method: Groove, fit: Bool[Array, ""]
+) -> physics.GrooveModel:
+    """The groups in the letters of the theory."""
+    drive, belt = made.drive, made.drive.belt
+    order = TravelOrder.of(made.loops, made.driven.travel).pulleys
+    smooth = [1 - jnp.where(p.face > 0, p.wedged, 0.0) for p in drive.pulleys]
+    flat = jax.lax.stop_gradient(jnp.stack(smooth))[order]
+    angles = [belt.wedge_angle if p.wedge_angle is None else p.wedge_angle for p in drive.pulleys]
+    beta = jnp.stack([jnp.asarray(angle) for angle in angles])[order] / 2
+    R, one, EA = jnp.abs(groups.radii), jnp.ones(()), groups.stretches[0]
+    eps = method.slip_velocity
+    K = jnp.where(fit, belt.wedge_stiffness * scales.length**2 / scales.tension, 50 / R**2)
+    whole = Flanks(R, beta, groups.friction, K, *(jnp.broadcast_to(x, R.shape) for x in (EA, eps)))
+    nominal, _ = physics.flat_groove(jax.lax.stop_gradient(R), one, jax.lax.stop_gradient(EA), eps)
+    nominal = jax.lax.stop_gradient(nominal)
+    grooves = jax.tree.map(lambda a, b: jnp.where(flat > 0, a, b), nominal, whole)
+    frame = Frame(
+        x=groups.centers[:, 0],
+        y=groups.centers[:, 1],
+        rho=groups.radii,
+        loops=groups.loops,
+        bodies=groups.bodies,
+        housed=groups.housed,
+        K=groups.stiffness,
+        outside=groups.outside,
+    )
+    motion = BeltMotion(groups.masses, groups.belt_speed, groups.driver_speed, groups.mass_flow)
+    return physics.GrooveModel(
+        frame=frame,
+        grooves=grooves,
+        flat=flat,
+        mu=groups.friction,
+        EA=EA,
+        pull=groups.pulls,
+        driving=groups.driving,
+        loaded=jax.lax.stop_gradient((groups.pulls != 0).astype(float)),
+        motion=motion,
+    )
+
+
+def _solutions(
+    made: Assembly,
+    groups: ContactGroups,
+    scales: Scales,
+    model: physics.GrooveModel,
+    method: Groove,
+    start: _Start,
+    limit: Float[Array, ""],
+    slip: Float[Array, ""],
+) -> tuple[Bool[Array, ""], physics.Solved]:
+    """Whether the belt rests, and the running belt."""
+    one, zero, units = jnp.ones(()), jnp.zeros(()), groups.units
+    at = start.coordinates / units
+    relaxed = start.relaxed * units / scales.energy
+    holding = physics.HeldBelt(start.length / scales.length, relaxed)
+    running = physics.Task(zero, one, limit, slip, holding)
+    begin_at = one
+    if isinstance(made.rule, BeltGiven) and not len(units):
+        likely = physics.likely_tension(holding.L0, model)
+        begin_at = jnp.where(likely > 0, likely, one)
+    begin = physics.likely(begin_at, at, zero, model)
+    if isinstance(made.rule, BeltGiven):
+        return jnp.array(True), physics.solve(model, running, begin, method.elements)
+    still = physics.at_rest(model)
+    rest = running._replace(resting=one, limit=zero)
+    unloaded = physics.likely(one, at, zero, still)
+    stages = jax.tree.map(
+        lambda a, b: jnp.stack([a, b]), (still, rest, unloaded), (model, running, begin)
+    )
+
+    # Both tasks use one compiled search in turn: the first finds the belt for the second.
+    def stage(kept: physics.HeldBelt, now: Any) -> tuple[physics.HeldBelt, physics.Solved]:
+        model, task, start = now
+        kept = jax.tree.map(lambda a, b: jnp.where(task.resting > 0, a, b), task.held, kept)
+        solved = physics.solve(model, task._replace(held=kept), start, method.elements)
+        return solved.held, solved
+
+    _, both = jax.lax.scan(stage, in_lanes_of(model.EA, holding), stages)
+    rested, run = (jax.tree.map(lambda x, k=k: x[k], both) for k in (0, 1))
+    return rested.converged, run
+
+
+def _state(
+    made: Assembly,
+    groups: ContactGroups,
+    scales: Scales,
+    model: physics.GrooveModel,
+    solved: physics.Solved,
+    found: Measures,
+    coarse: Measures,
+    method: Groove,
+    result: RESULTS,
+) -> GrooveState:
+    """The solution in SI and listed order."""
+    travel = jax.lax.stop_gradient(made.driven.travel)
+    order, force, length = TravelOrder.of(made.loops, travel), scales.tension, scales.length
+    speed = length / scales.time
+    power, moment = force * speed * solved.loop.V_ref, force * length
+    P, S = order.pulleys, order.spans
+    radius = jnp.abs(model.frame.rho) * length
+
+    def numbers(of: Measures) -> dict[str, Array]:
+        return {
+            "tensions": (of.T * force)[S],
+            "speeds": (of.omega / scales.time)[P],
+            "moments": (of.M * moment)[P],
+            "slip": of.slip[P],
+            "loss": (of.loss * power)[P],
+            "contact_angles": of.chi[P],
+            "wraps": of.wraps[P],
+            "penetrations": (of.deepest * radius)[P],
+            "efficiency": of.efficiency,
+        }
+
+    told, before = numbers(found), numbers(coarse)
+    ratio = solved.coarser.grooves.eps[0] / solved.grooves.eps[0]
+    share = 1 / jnp.where(ratio > 1, ratio - 1, 1.0)
+    errors = {
+        key: jax.lax.stop_gradient(jnp.abs(before[key] - value) * share)
+        for key, value in told.items()
+    }
+    scale = jnp.max(jnp.abs(told["moments"]))
+    vague = jnp.max(errors["moments"]) > BLURRED * scale
+    q, frame = solved.unknown.q, model.frame
+    balance = solved.loop.push + solved.held.relaxed - frame.K @ q
+    m0, _, _, G = model.motion
+    flow = m0[0] * solved.loop.V_ref if G is None else G
+    return GrooveState(
+        **told,
+        zones=found.zones[P],
+        power_in=found.given * power,
+        power_out=found.taken * power,
+        driver_moment=jnp.abs(model.driving @ found.M) * moment,
+        torque_factor=jnp.exp(solved.unknown.scale),
+        span_lengths=(solved.loop.spans.lengths * length)[S],
+        span_speeds=(found.speed * speed)[S],
+        unstretched_length=solved.held.L0 * length,
+        unstretched_speed=solved.loop.V_ref * speed,
+        mass_flow=flow * force / speed,
+        coordinates=q * groups.units,
+        at_stop=holding_stop(frame.bodies, q, balance),
+        energy_balance=found.energy * power,
+        moment_balance=(found.moment * moment)[P],
+        regularization=GrooveErrors(**errors),
+        slip_velocity=method.slip_velocity,
+        order=order,
+        model=model,
+        solved=solved,
+        scales=scales,
+        error=solved.residual,
+        result=result,
+        warning=first_failure((vague & succeeded(result), RESULTS.friction_blurred)),
+        stats={"steps": solved.steps, "level": solved.eps},
+    )

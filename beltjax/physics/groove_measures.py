@@ -1,0 +1,112 @@
+"""What is told of a drive with grooves: powers, balances, and the zones of each arc.
+
+Letters as in `physics.groove` and `physics.groove_drive`. docs/theory/grooves.md, (W8) to (W13).
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from beltjax.physics.groove import Groove
+from beltjax.physics.groove_arc import DEEP, Arc, integrals, states
+from beltjax.physics.groove_drive import ADHERES, GrooveModel, Loop, Unknown
+
+Scalar = Float[Array, ""]
+Pulleys = Float[Array, " n"]
+RESTS = 0.05  # part by which the radial force differs from P/r where the belt seats or unseats
+
+
+class Measures(NamedTuple):
+    """Numbers of a drive, along its travel; powers are over V_ref, so that they exist at rest."""
+
+    P: Pulleys  # of each span
+    T: Pulleys
+    speed: Pulleys  # of the belt in each span
+    omega: Pulleys
+    M: Pulleys
+    loss: Pulleys
+    slip: Pulleys
+    wraps: Pulleys  # angles over which the belt touches
+    chi: Float[Array, "n 2"]
+    deepest: Pulleys  # penetration, over R
+    zones: Float[Array, "n 4"]  # seating, adhesion, sliding, unseating [rad]
+    given: Scalar  # power of the driver
+    taken: Scalar  # power of the accessories
+    efficiency: Scalar
+    energy: Scalar  # power that the balance of energy lacks
+    moment: Pulleys  # what the balance of moments lacks
+
+
+def measures(
+    unknown: Unknown, loop: Loop, arcs: Arc, grooves: Groove, model: GrooveModel
+) -> Measures:
+    """The numbers of a drive."""
+    EA, g, P = model.EA, unknown.g, unknown.P
+    before, R, flat = model.frame.loops.preceding(P), jnp.abs(model.frame.rho), model.flat > 0
+    along = jax.vmap(integrals)(arcs.z, arcs.mesh, grooves)
+    creep = (P - before) ** 2 / (2 * (EA - g))
+    loss, turning = jnp.where(flat, creep, along.loss), loop.at.om / R
+    power = loop.moments * turning
+    given = -model.driving @ power
+    taken = (1 - model.driving) @ power
+    wraps = unknown.turn + loop.at.chi_out - loop.at.chi_in
+    none = given == 0
+    missing = given - taken - jnp.sum(loss)
+    apart = along.moment - loop.moments
+    slipping = _flat_slip(P, before, model)
+    smooth = jnp.stack([0 * wraps, wraps - slipping, slipping, 0 * wraps], axis=-1)
+    zones = jnp.where(flat[:, None], smooth, jax.vmap(arc_zones)(arcs, grooves))
+    return Measures(
+        P=P,
+        T=P + g * loop.stretch,
+        speed=loop.V_ref * loop.stretch,
+        omega=turning * loop.V_ref,
+        M=loop.moments,
+        loss=loss,
+        slip=loop.slip,
+        wraps=wraps,
+        chi=jnp.stack([loop.at.chi_in, loop.at.chi_out], axis=-1),
+        deepest=jnp.where(flat, 0.0, DEEP * jnp.max(arcs.z.y[:, 0], axis=-1)),
+        zones=zones,
+        given=given,
+        taken=taken,
+        efficiency=jnp.where(none, 1.0, taken / jnp.where(none, 1.0, given)),
+        energy=missing,
+        moment=jnp.where(flat, 0.0, apart),
+    )
+
+
+def _flat_slip(P: Pulleys, before: Pulleys, model: GrooveModel) -> Pulleys:
+    """Arcs of slip on smooth pulleys, without absolute values at equal tensions."""
+    side = jnp.where(before < P, 1.0, -1.0)
+    return side * jnp.log(P / before) / model.mu
+
+
+def arc_zones(arc: Arc, of: Groove) -> Float[Array, "4"]:
+    """Seating, adhesion, sliding and unseating of one arc [rad], by definition (W13)."""
+    at, y = states(arc.z.y, arc.z.p, of), arc.z.y
+    phi = arc.z.p[0] * arc.mesh
+    off = jnp.abs(at.N * of.R * (1 - DEEP * y[0]) / y[2] - 1) - RESTS
+    inside = off < 0
+    some = jnp.any(inside)
+
+    def crossing(k: Array, other: Array) -> Scalar:
+        width = off[other] - off[k]
+        part = -off[k] / jnp.where(width == 0, 1.0, width)
+        return phi[k] + part * (phi[other] - phi[k])
+
+    last = len(phi) - 1
+    first_in = jnp.argmax(inside)
+    last_in = last - jnp.argmax(inside[::-1])
+    start = crossing(first_in, jnp.maximum(first_in - 1, 0))
+    end = crossing(last_in, jnp.minimum(last_in + 1, last))
+    start, end = jnp.where(some, start, phi[-1]), jnp.where(some, end, phi[-1])
+    above = jnp.log(at.w / (ADHERES * of.eps))
+    low, high = above[:-1], above[1:]
+    size = jnp.abs(low) + jnp.abs(high)
+    part = (jnp.maximum(-low, 0) + jnp.maximum(-high, 0)) / jnp.where(size == 0, 1.0, size)
+    overlap = jnp.minimum(phi[1:], end) - jnp.maximum(phi[:-1], start)
+    adheres = jnp.sum(part * jnp.maximum(overlap, 0.0))
+    return jnp.stack([start, adheres, end - start - adheres, phi[-1] - end])
