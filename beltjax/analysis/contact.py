@@ -203,14 +203,14 @@ def unmet_need(drive: Drive, point: OperatingPoint, maximum: bool) -> UnmetNeed 
         single = len(drive.belts) == 1
         key = "belt.pitch" if single else f"belt.{toothed}.pitch"
         return UnmetNeed(key, _NO_SLIP if single else _NO_SLIP + _OF_OTHERS)
-    bare = _without_friction(drive, point, maximum)
+    bare = without_friction(drive, point, maximum)
     if bare is not None:
         message = "is missing; this pulley has torque, which friction holds"
         return UnmetNeed(f"pulley.{bare}.friction", message)
     return None
 
 
-def _without_friction(drive: Drive, point: OperatingPoint, maximum: bool) -> str | None:
+def without_friction(drive: Drive, point: OperatingPoint, maximum: bool) -> str | None:
     """Name of a pulley that has torque, the driver too, and no friction to hold it."""
 
     def turned(name: str) -> bool:

@@ -5,16 +5,17 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from beltjax.analysis.contact import scaled_torques
+from beltjax.analysis.contact import scaled_torques, without_friction
 from beltjax.analysis.installed import free_positions, held
 from beltjax.analysis.reference import LARGEST_STRAIN, resting
 from beltjax.compiling.batched_loops import in_lanes_of
 from beltjax.compiling.quick import long_boundary_jit
 from beltjax.drive.assembly import Assembly, assembled
 from beltjax.drive.canonical import canonical
-from beltjax.drive.components import as_real
+from beltjax.drive.components import Pulley, as_real, concrete
 from beltjax.drive.contact_groups import ContactGroups, TravelOrder, contact_groups
 from beltjax.drive.groups import Scales
 from beltjax.drive.installation import BeltGiven, TensionGiven
@@ -22,7 +23,7 @@ from beltjax.drive.layout import layout
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.placeholders import harmless, numbers_are_usable
 from beltjax.drive.readable import Readable
-from beltjax.drive.system import Drive
+from beltjax.drive.system import Drive, all_held
 from beltjax.numerics.bvp.collocation import Interval, interpolate
 from beltjax.numerics.derivative_rules import differentiated_once
 from beltjax.numerics.rigid_bodies import holding_stop
@@ -31,7 +32,7 @@ from beltjax.physics.contact import BeltMotion
 from beltjax.physics.groove import Groove as Flanks
 from beltjax.physics.groove_arc import DEEP, states
 from beltjax.physics.groove_measures import Measures, measures
-from beltjax.physics.inclined_spans import Frame
+from beltjax.physics.inclined_spans import Frame, inclined_spans
 from beltjax.results import (
     RESULTS,
     first_failure,
@@ -41,6 +42,7 @@ from beltjax.results import (
 )
 
 BALANCED = 1e-7  # of the mean tension: what the balance of moments may lack
+HALVINGS, ROUNDS = 8, 18  # of the search for the limit of adhesion
 BLURRED = 0.01  # of the driver's moment: a larger error by the friction's viscous part is told
 
 
@@ -142,6 +144,16 @@ class GrooveState(Readable):
         return place, y.reshape(3, *s.shape), arc.z.p
 
 
+class SlipLimit(eqx.Module):
+    """Torques up to which no loaded pulley slips more than this: 1 - (omega R)/(omega R)_driver."""
+
+    slip: Float[Array, ""] = eqx.field(converter=as_real, default=0.05)
+
+
+class AdhesionLimit(eqx.Module):
+    """Torques up to which some of the belt adheres on every loaded pulley."""
+
+
 def groove_state(
     drive: Drive,
     point: OperatingPoint,
@@ -149,19 +161,67 @@ def groove_state(
     *,
     throw: bool = True,
 ) -> GrooveState:
-    """The running belt in the grooves of its pulleys: penetration, sliding, slip and losses."""
-    found = _groove(drive, point, Groove() if method is None else method, 0, 0.0)
+    """The running belt in the grooves of its pulleys: penetration, sliding, slip and losses.
+
+    The belt is a string that is pressed into a wedge against friction in every direction of the
+    flanks; pulleys on its back, or with `wedged=0`, are smooth, as in `contact_state`.
+    docs/theory/grooves.md, (W1) to (W13). `installation.tension` is the mean tension of the spans
+    of the belt that is turned slowly without torque.
+
+    A drive whose torques friction does not pass on is `groove_not_found`; a smooth pulley that
+    slips over its whole arc is `gross_slip`. With `throw=False` read `.result`: a failed lane of a
+    batch holds finite placeholders with zero derivatives. Derivatives are those of the converged
+    equations on the mesh that was found; second ones are NaN.
+
+    Args:
+        drive: a drive of one belt with `wedge_angle` and `wedge_stiffness`.
+        point: speeds and torques.
+        method: `Groove()` unless given.
+        throw: raise where the result is a failure.
+
+    Returns:
+        Tensions, speeds, slip, losses and zones, in SI units and listed order, each with the part
+        that the viscous friction below `slip_velocity` has in it.
+
+    Raises:
+        KeyError: a torque is given for a pulley that is not there.
+        ValueError: the drive is not one that the model describes; the text says why.
+        AnalysisError: the result is a failure, and `throw` is set.
+
+    Examples:
+        >>> drive, point = bj.load_drive("examples/two_pulley_groove.toml")
+        >>> state = bj.groove_state(drive, point)
+        >>> state.slip, state.loss, state.efficiency  # 1, [W], 1
+    """
+    return solved_groove(drive, point, method, None, throw)
+
+
+def solved_groove(
+    drive: Drive,
+    point: OperatingPoint,
+    method: Groove | None,
+    limit: SlipLimit | AdhesionLimit | None,
+    throw: bool,
+) -> GrooveState:
+    """`groove_state`, or the state under the largest torques that a limit allows."""
+    unmet = unmet_groove(drive, point, limit is not None)
+    if unmet is not None:
+        raise ValueError(f"{unmet.key} {unmet.message}.")
+    question = groove_question(method, limit)
+    found = groove_solution(*canonical(drive, point), *question)
     return raise_unless_successful(found, found.result, throw)
 
 
-def _groove(
-    drive: Drive, point: OperatingPoint, method: Groove, limit: int, slip: Any
-) -> GrooveState:
-    unmet = unmet_groove(drive, point, limit > 0)
-    if unmet is not None:
-        raise ValueError(f"{unmet.key} {unmet.message}.")
-    asked = as_real(limit), as_real(slip)
-    return groove_solution(*canonical(drive, point), method, *asked)
+def groove_question(
+    method: Groove | None, limit: SlipLimit | AdhesionLimit | None
+) -> tuple[Groove, Float[Array, ""], Float[Array, ""], int]:
+    """Method and limit as `groove_solution` takes them."""
+    method = Groove() if method is None else method
+    if isinstance(limit, AdhesionLimit):
+        return method, as_real(2.0), as_real(0.0), ROUNDS
+    if limit is None:
+        return method, as_real(0.0), as_real(0.0), 0
+    return method, as_real(1.0), limit.slip, 0
 
 
 class UnmetGroove(NamedTuple):
@@ -174,8 +234,50 @@ class UnmetGroove(NamedTuple):
 def unmet_groove(drive: Drive, point: OperatingPoint, maximum: bool) -> UnmetGroove | None:
     """What the model of grooves cannot do without; None where nothing is missing."""
     if len(drive.belts) > 1:
-        return UnmetGroove("belt", "are several; the model of grooves has one: leave others out")
+        return UnmetGroove("belt", "are several; grooves are found for a drive of one belt")
+    if drive.belt.wedge_angle is None:
+        message = "is missing; grooves need groove = { angle, wedge_stiffness } of the belt"
+        return UnmetGroove("belt.groove", message)
+    if drive.belt.pitch is not None:
+        return UnmetGroove("belt.pitch", "is of a toothed belt, which does not wedge")
+    if not isinstance(drive.installation, TensionGiven | BeltGiven):
+        message = "gives the belt by other means than tension or belt_length; give one of these"
+        return UnmetGroove("installation", message)
+    if getattr(drive.installation, "tension_of", "belt") == "string":
+        message = "is that of a string, which does not sink in; leave tension_of out"
+        return UnmetGroove("installation.tension_of", message)
+    floating = drive.tensioners and all_held(drive.tensioners) is False
+    if floating:
+        message = "has no spring and is not locked; in grooves each tensioner has one"
+        return UnmetGroove("tensioner", message)
+    return _unmet_pulley(drive, point, maximum)
+
+
+def _unmet_pulley(drive: Drive, point: OperatingPoint, maximum: bool) -> UnmetGroove | None:
+    bare = without_friction(drive, point, maximum)
+    wedged = [p.name for p in drive.pulleys if p.friction is None and _may_wedge(p)]
+    if wedged or bare is not None:
+        message = "is missing; give the coefficient of the groove's flanks, or of the smooth rim"
+        return UnmetGroove(f"pulley.{wedged[0] if wedged else bare}.friction", message)
+    for pulley in drive.pulleys:
+        own = pulley.wedge_angle
+        angle = concrete(drive.belt.wedge_angle if own is None else own)
+        friction = concrete(pulley.friction)
+        if angle is None or friction is None or not _may_wedge(pulley):
+            continue
+        if np.any(angle / 2 + np.arctan(friction) >= np.pi / 2):
+            key = "belt.groove" if own is None else f"pulley.{pulley.name}.groove"
+            message = "and friction leave no wedge: half the angle + atan(friction) is below 90 deg"
+            return UnmetGroove(f"{key}.angle", message)
     return None
+
+
+def _may_wedge(pulley: Pulley) -> bool:
+    """Whether a pulley has a groove, or may have one where JAX traces its flags."""
+    face, wedged = concrete(pulley.face), concrete(pulley.wedged)
+    if face is None or wedged is None:
+        return True
+    return bool(np.any((face > 0) & (wedged > 0)))
 
 
 @long_boundary_jit
@@ -185,6 +287,7 @@ def groove_solution(
     method: Groove,
     limit: Float[Array, ""],
     slip: Float[Array, ""],
+    rounds: int,
 ) -> GrooveState:
     """`groove_state` or `maximum_moment`, whose failures are in its result alone."""
     good = numbers_are_usable(drive, point)
@@ -199,7 +302,7 @@ def groove_solution(
     groups, scales = contact_groups(made, point, taken, base)
     fit = good & succeeded(drawable)
     model = groove_model(made, groups, scales, method, fit)
-    rested, solved = _solutions(made, groups, scales, model, method, start, limit, slip)
+    rested, solved = _solutions(made, groups, scales, model, method, start, limit, slip, rounds)
     found = measures(solved.unknown, solved.loop, solved.arcs, solved.grooves, model)
     coarse = jax.lax.stop_gradient(measures(*solved.coarser, model))
     strain = jnp.max(solved.loop.stretch) - 1
@@ -298,37 +401,83 @@ def _solutions(
     start: _Start,
     limit: Float[Array, ""],
     slip: Float[Array, ""],
+    rounds: int,
 ) -> tuple[Bool[Array, ""], physics.Solved]:
     """Whether the belt rests, and the running belt."""
     one, zero, units = jnp.ones(()), jnp.zeros(()), groups.units
     at = start.coordinates / units
     relaxed = start.relaxed * units / scales.energy
     holding = physics.HeldBelt(start.length / scales.length, relaxed)
-    running = physics.Task(zero, one, limit, slip, holding)
-    begin_at = one
+    greatest = _greatest(model)
+    scale = jnp.where(limit == 2, greatest - 0.7, 0.0)
+    running = physics.Task(zero, one, limit, slip, scale, holding)
+    level = one
     if isinstance(made.rule, BeltGiven) and not len(units):
         likely = physics.likely_tension(holding.L0, model)
-        begin_at = jnp.where(likely > 0, likely, one)
-    begin = physics.likely(begin_at, at, zero, model)
-    if isinstance(made.rule, BeltGiven):
-        return jnp.array(True), physics.solve(model, running, begin, method.elements)
+        level = jnp.where(likely > 0, likely, one)
     still = physics.at_rest(model)
-    rest = running._replace(resting=one, limit=zero)
-    unloaded = physics.likely(one, at, zero, still)
-    stages = jax.tree.map(
-        lambda a, b: jnp.stack([a, b]), (still, rest, unloaded), (model, running, begin)
-    )
+    rest = running._replace(resting=one, limit=zero, scale=zero)
+    both = (still, rest, jnp.array(False)), (model, running, jnp.array(True))
+    stages = both if isinstance(made.rule, TensionGiven) else both[1:]
+    stages = (*stages, *stages[-1:] * rounds)
+    stacked = jax.tree.map(lambda *x: jnp.stack(x), *stages)
 
-    # Both tasks use one compiled search in turn: the first finds the belt for the second.
-    def stage(kept: physics.HeldBelt, now: Any) -> tuple[physics.HeldBelt, physics.Solved]:
-        model, task, start = now
-        kept = jax.tree.map(lambda a, b: jnp.where(task.resting > 0, a, b), task.held, kept)
-        solved = physics.solve(model, task._replace(held=kept), start, method.elements)
-        return solved.held, solved
+    # All tasks use one compiled search in turn: the first finds the belt for the others.
+    def stage(carry: Any, now: Any) -> tuple[Any, physics.Solved]:
+        kept, bracket = carry
+        model, task, runs = now
+        kept = jax.tree.map(lambda a, b: jnp.where(runs & rests, a, b), kept, task.held)
+        task = task._replace(held=kept, scale=jnp.where(runs, bracket.place, 0.0))
+        begin = physics.likely(level, at, task.scale, model)
+        solved = physics.solve(model, task, begin, method.elements)
+        slides = jnp.where(solved.converged, physics.adhering(solved.arcs, model), 1.0)
+        after = _narrowed(bracket, jax.lax.stop_gradient(slides))
+        searched = runs & (limit == 2)
+        bracket = jax.tree.map(lambda a, b: jnp.where(searched, a, b), after, bracket)
+        return (solved.held, bracket), solved
 
-    _, both = jax.lax.scan(stage, in_lanes_of(model.EA, holding), stages)
-    rested, run = (jax.tree.map(lambda x, k=k: x[k], both) for k in (0, 1))
-    return rested.converged, run
+    rests = isinstance(made.rule, TensionGiven)
+    bracket = _Bracket(scale, greatest - 4, jnp.array(-0.1), greatest, jnp.array(1.0), zero)
+    first = in_lanes_of(model.EA, (holding, jax.lax.stop_gradient(bracket)))
+    _, found = jax.lax.scan(stage, first, stacked)
+    run = jax.tree.map(lambda x: x[-1], found)
+    return found.converged[0], run
+
+
+class _Bracket(NamedTuple):
+    """Factors on the torques, as logs, between which adhesion ends on a first pulley."""
+
+    place: Float[Array, ""]  # to be tried
+    low: Float[Array, ""]
+    bottom: Float[Array, ""]  # what is left of adhesion, as `adhering` counts it
+    high: Float[Array, ""]
+    top: Float[Array, ""]
+    tried: Float[Array, ""]
+
+
+def _narrowed(at: _Bracket, found: Float[Array, ""]) -> _Bracket:
+    """The bracket after a trial: halved at first, then by secants that weigh an old end less."""
+    up, secant = found > 0, at.tried >= HALVINGS
+    low, bottom = jnp.where(up, at.low, at.place), jnp.where(up, at.bottom, found)
+    high, top = jnp.where(up, at.place, at.high), jnp.where(up, found, at.top)
+    bottom = jnp.where(up & secant, bottom / 2, bottom)
+    top = jnp.where(up | ~secant, top, top / 2)
+    straight = (low * top - high * bottom) / (top - bottom)
+    place = jnp.where(secant, straight, (low + high) / 2)
+    return _Bracket(place, low, bottom, high, top, at.tried + 1)
+
+
+def _greatest(model: physics.GrooveModel) -> Float[Array, ""]:
+    """Log of the factor on the torques at which a first pulley slips as a rope would."""
+    none = jnp.zeros_like(model.pull)
+    turns = inclined_spans(none, none, jnp.zeros(len(model.frame.K)), model.frame).turns
+    held = model.mu * turns / jnp.where(model.flat > 0, 1.0, jnp.sin(model.grooves.beta))
+    least = jnp.min(jnp.where(model.loaded > 0, held, jnp.inf))
+    least = jnp.where(jnp.isfinite(least), least, 1.0)
+    offsets = jnp.cumsum(model.pull)
+    widest = jnp.max(offsets) - jnp.min(offsets)
+    drop = 2 * jnp.tanh(least / 2)  # of the tension, over its mean
+    return jax.lax.stop_gradient(jnp.log(drop / jnp.where(widest > 0, widest, 1.0)))
 
 
 def _state(

@@ -92,6 +92,7 @@ class Task(NamedTuple):
     tension: Scalar  # mean over the spans, at rest
     limit: Scalar  # 0: torques as they are; 1: up to the slip limit; 2: to the limit of adhesion
     slip: Scalar  # largest slip allowed, of limit 1
+    scale: Scalar  # log of the factor on the torques, of limit 0
     held: HeldBelt
 
 
@@ -221,8 +222,8 @@ def _equations(
     bodies = body_residuals(unknown.q, force, unknown.P, model.frame)
     bodies = jnp.where(task.resting > 0, unknown.q, bodies)
     worst = jnp.max(jnp.where(model.loaded * (1 - model.driving) > 0, loop.slip, -1.0))
-    limits = jnp.stack([unknown.scale, 10 * (worst - task.slip), _adhering(arcs, model)])
-    limit = limits[task.limit.astype(int)]
+    limits = [unknown.scale - task.scale, 10 * (worst - task.slip), adhering(arcs, model)]
+    limit = jnp.stack(limits)[task.limit.astype(int)]
     residuals = jnp.concatenate(
         [
             jnp.where(model.driving > 0, total, balance),
@@ -235,7 +236,7 @@ def _equations(
     return residuals, loop
 
 
-def _adhering(arcs: Arc, model: GrooveModel) -> Scalar:
+def adhering(arcs: Arc, model: GrooveModel) -> Scalar:
     """Log of the least sliding speed over that at which adhesion is said to end, of the worst."""
     at = jax.vmap(states)(arcs.z.y, arcs.z.p, model.grooves)
     least = jnp.min(jnp.log(at.w[:, 1:-1] / (ADHERES * model.grooves.eps[:, None])), axis=1)
@@ -314,8 +315,8 @@ def _newton(state: _Search, model: GrooveModel, task: Task) -> _Search:
     dz = jax.tree.map(changed, steps.base, steps.response)
     d = _unpacked(move, unknown)
     size = _size(d, dz, unknown, arcs)
-    # Steps that do not become shorter jump across the turn of the friction: half of one does not.
-    slower = (size > 0.5 * state.size) & (size > 1e-3)
+    # Steps that hardly become shorter jump across the turn of the friction: half of one does not.
+    slower = (size > (1 - 0.5 * state.part) * state.size) & (size > 1e-3)
     part = jnp.where(slower, jnp.maximum(state.part / 2, 1 / 8), jnp.minimum(2 * state.part, 1.0))
     part = jnp.where(size <= 1e-3, 1.0, jnp.minimum(part, 1 / size))
     return _Search(
@@ -364,6 +365,8 @@ def solve(model: GrooveModel, task: Task, start: Unknown, elements: int) -> Solv
     """
     fixed = jax.lax.stop_gradient
     held_model, held_task, start = fixed((model, task, start))
+    # The limit of adhesion is at the factor that is given: whoever finds it calls this repeatedly.
+    held_task = held_task._replace(limit=jnp.where(task.limit == 2, 0.0, task.limit))
     eps = jnp.max(held_model.grooves.eps)
     coarse = jnp.maximum(eps, COARSEST)
     count = jnp.maximum(jnp.ceil(jnp.log(coarse / eps) / -np.log(RATIO)), 1.0)
@@ -450,10 +453,9 @@ def _with_derivatives(
     found: Unknown, arcs: Arc, model: GrooveModel, task: Task, evidence: tuple[Any, ...]
 ) -> Solved:
     good, residual, count, last, coarser = evidence
-    arcs = jax.lax.stop_gradient(arcs)
 
-    def function(x: Array, args: tuple[GrooveModel, Task]) -> tuple[Array, Any]:
-        model, task = args
+    def function(x: Array, args: tuple[GrooveModel, Task, Arc]) -> tuple[Array, Any]:
+        model, task, arcs = args
         unknown = _unpacked(x, found)
         ends = ends_of(unknown, model)
         z = jax.vmap(solved_arc)((model.grooves, ends), arcs)
@@ -462,7 +464,7 @@ def _with_derivatives(
         value, loop = _equations(unknown, at, arcs._replace(z=z), model, task)
         return value, (loop, z, ends)
 
-    args = frozen_unless(good, (model, task))
+    args = (*frozen_unless(good, (model, task)), jax.lax.stop_gradient(arcs))
     root, (loop, z, ends) = implicit_solution(function, args, _packed(found))
     unknown = _unpacked(root, found)
     relaxed = jnp.where(task.resting > 0, model.frame.K @ unknown.q - loop.push, task.held.relaxed)

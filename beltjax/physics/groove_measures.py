@@ -9,8 +9,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from beltjax.numerics.bvp.collocation import Interval, stage_values
+from beltjax.numerics.bvp.gauss import gauss
 from beltjax.physics.groove import Groove
-from beltjax.physics.groove_arc import DEEP, Arc, integrals, states
+from beltjax.physics.groove_arc import DEEP, STAGES, Arc, integrals, states
 from beltjax.physics.groove_drive import ADHERES, GrooveModel, Loop, Unknown
 
 Scalar = Float[Array, ""]
@@ -86,8 +88,8 @@ def _flat_slip(P: Pulleys, before: Pulleys, model: GrooveModel) -> Pulleys:
 
 def arc_zones(arc: Arc, of: Groove) -> Float[Array, "4"]:
     """Seating, adhesion, sliding and unseating of one arc [rad], by definition (W13)."""
-    at, y = states(arc.z.y, arc.z.p, of), arc.z.y
-    phi = arc.z.p[0] * arc.mesh
+    places, y = dense(arc)
+    phi, at = arc.z.p[0] * places, states(y, arc.z.p, of)
     off = jnp.abs(at.N * of.R * (1 - DEEP * y[0]) / y[2] - 1) - RESTS
     inside = off < 0
     some = jnp.any(inside)
@@ -110,3 +112,14 @@ def arc_zones(arc: Arc, of: Groove) -> Float[Array, "4"]:
     overlap = jnp.minimum(phi[1:], end) - jnp.maximum(phi[:-1], start)
     adheres = jnp.sum(part * jnp.maximum(overlap, 0.0))
     return jnp.stack([start, adheres, end - start - adheres, phi[-1] - end])
+
+
+def dense(arc: Arc) -> tuple[Float[Array, " points"], Float[Array, "3 points"]]:
+    """Places on [0, 1], and the unknowns there: at the nodes and at the collocation points."""
+    unit, points = Interval(jnp.zeros(()), jnp.ones(())), gauss(STAGES).points
+    inside = arc.mesh[:-1] + points[:, None] * jnp.diff(arc.mesh)
+    places = jnp.concatenate([arc.mesh[None, :-1], inside]).T.ravel()
+    between = jnp.moveaxis(stage_values(unit, arc.mesh, arc.z), 0, -1)  # [3, elements, stages]
+    y = jnp.concatenate([arc.z.y[:, :-1, None], between], axis=2).reshape(3, -1)
+    last = arc.z.y[:, -1:]
+    return jnp.concatenate([places, arc.mesh[-1:]]), jnp.concatenate([y, last], axis=1)
