@@ -101,7 +101,7 @@ def _keys(words: tuple[str, ...], content: dict[str, Any]) -> list[str]:
         return [".".join(words[:4])]  # a list has the unit of its items
     if words[0] == "pulley" and words[-1] in DIAMETERS:
         words = (*words[:-1], "radius")
-    nested = _NESTED.get((words[0], words[-2]))
+    nested = _NESTED.get((words[0], *words[-2:-1]))
     if nested is not None:
         words = (*words[:-2], nested.get(words[-1], words[-1]))
     if words[0] == "tensioner" and words[-1] == "preload":
