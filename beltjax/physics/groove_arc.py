@@ -24,6 +24,7 @@ from beltjax.numerics.bvp.collocation import (
     solve_factored,
     stage_values,
 )
+from beltjax.numerics.bvp.condensed import step_and_responses
 from beltjax.numerics.bvp.gauss import gauss
 from beltjax.numerics.bvp.mesh import equidistribute
 from beltjax.physics.groove import Ends, Groove, Sliding, sliding, slopes
@@ -144,16 +145,14 @@ class Step(NamedTuple):
 def arc_step(arc: Arc, of: Groove, ends: Ends) -> Step:
     """One linearization of the arc."""
     problem = arc_problem(of, ends)
-    left, factor = factored(problem.interval, arc.mesh, arc.z, evaluated(problem, arc.mesh, arc.z))
+    left = residual(problem, arc.mesh, arc.z)
+    local = evaluated(problem, arc.mesh, arc.z)
     # The ends enter the last four conditions, each with the factor -1.
-    nothing = jax.tree.map(jnp.zeros_like, left)
-    moved = jax.vmap(lambda row: nothing._replace(conditions=row))(jnp.eye(6)[2:])
-    right = jax.tree.map(lambda a, b: jnp.concatenate([a, b[None]]), moved, left)
-    solved = jax.vmap(lambda one: solve_factored(factor, one))(right)
+    base, response = step_and_responses(
+        problem.interval, arc.mesh, arc.z, local, left, jnp.eye(6)[2:]
+    )
     size = jnp.maximum(jnp.max(jnp.abs(left.joints)), jnp.max(jnp.abs(left.stages)))
-    size = jnp.maximum(size, jnp.max(jnp.abs(left.conditions)))
-    response, base = (jax.tree.map(lambda x, k=k: x[k], solved) for k in (slice(4), 4))
-    return Step(base, response, size)
+    return Step(base, response, jnp.maximum(size, jnp.max(jnp.abs(left.conditions))))
 
 
 def passed(z: Unknowns, mesh: Mesh, of: Groove) -> Passed:
