@@ -3,13 +3,13 @@
 Letters as in `physics.groove` and `physics.groove_drive`. docs/theory/grooves.md, (W8) to (W13).
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from beltjax.numerics.bvp.collocation import Interval, stage_values
+from beltjax.numerics.bvp.collocation import Interval, interpolate, stage_values
 from beltjax.numerics.bvp.gauss import gauss
 from beltjax.physics.groove import Groove
 from beltjax.physics.groove_arc import DEEP, STAGES, Arc, integrals, states
@@ -70,7 +70,7 @@ def measures(
         slip=loop.slip,
         wraps=wraps,
         chi=jnp.stack([loop.at.chi_in, loop.at.chi_out], axis=-1),
-        deepest=jnp.where(flat, 0.0, DEEP * jnp.max(arcs.z.y[:, 0], axis=-1)),
+        deepest=jnp.where(flat, 0.0, jax.vmap(deepest)(arcs)),
         zones=zones,
         given=given,
         taken=taken,
@@ -95,9 +95,17 @@ def arc_zones(arc: Arc, of: Groove) -> Float[Array, "4"]:
     some = jnp.any(inside)
 
     def crossing(k: Array, other: Array) -> Scalar:
+        """Where the force is off by the limit, near the points k inside and its `other`."""
         width = off[other] - off[k]
         part = -off[k] / jnp.where(width == 0, 1.0, width)
-        return phi[k] + part * (phi[other] - phi[k])
+        place = jax.lax.stop_gradient(places[k] + part * (places[other] - places[k]))
+        for _ in range(3):
+            value, slope = jax.jvp(lambda x: _unsettled(x, arc, of), (place,), (jnp.ones(()),))
+            slope = jax.lax.stop_gradient(slope)
+            step = value / jnp.where(slope == 0, 1.0, slope)
+            # Only the last step counts for derivatives: the others end where it begins.
+            place = jax.lax.stop_gradient(place) - jnp.where(k == other, 0.0, step)
+        return arc.z.p[0] * place
 
     last = len(phi) - 1
     first_in = jnp.argmax(inside)
@@ -112,6 +120,35 @@ def arc_zones(arc: Arc, of: Groove) -> Float[Array, "4"]:
     overlap = jnp.minimum(phi[1:], end) - jnp.maximum(phi[:-1], start)
     adheres = jnp.sum(part * jnp.maximum(overlap, 0.0))
     return jnp.stack([start, adheres, end - start - adheres, phi[-1] - end])
+
+
+def deepest(arc: Arc) -> Scalar:
+    """The greatest penetration over R, where it does not rise any more."""
+    places, y = dense(arc)
+    unit, k = Interval(jnp.zeros(()), jnp.ones(())), jnp.argmax(y[0])
+
+    def rise(place: Scalar) -> tuple[Scalar, Scalar]:
+        found, slope = interpolate(unit, arc.mesh, arc.z, place[None])
+        return slope[0, 0], found[0, 0]
+
+    low = places[jnp.maximum(k - 1, 0)]
+    high = places[jnp.minimum(k + 1, len(places) - 1)]
+
+    # The slope falls from positive to negative between the neighbors; halved, it is met.
+    def halved(_: Any, ends: tuple[Scalar, Scalar]) -> tuple[Scalar, Scalar]:
+        middle = (ends[0] + ends[1]) / 2
+        up = rise(middle)[0] > 0
+        return jnp.where(up, middle, ends[0]), jnp.where(up, ends[1], middle)
+
+    low, high = jax.lax.fori_loop(0, 24, halved, jax.lax.stop_gradient((low, high)))
+    return DEEP * rise(jax.lax.stop_gradient((low + high) / 2))[1]
+
+
+def _unsettled(place: Scalar, arc: Arc, of: Groove) -> Scalar:
+    """How far the radial force is off, less the limit, at a place on [0, 1]."""
+    y, _ = interpolate(Interval(jnp.zeros(()), jnp.ones(())), arc.mesh, arc.z, place[None])
+    at = states(y[:, 0], arc.z.p, of)
+    return jnp.abs(at.N * of.R * (1 - DEEP * y[0, 0]) / y[2, 0] - 1) - RESTS
 
 
 def dense(arc: Arc) -> tuple[Float[Array, " points"], Float[Array, "3 points"]]:

@@ -1,0 +1,197 @@
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from groove_cases import CASES, STRING, ZONES, grooved_drive
+
+import beltjax as bj
+
+FEW = bj.Groove(slip_velocity=1e-4, elements=160)
+
+
+def assert_as_stored(state, stored):
+    level = np.mean(stored["P"])
+    effective = np.asarray(state.solved.unknown.P * state.scales.tension)
+    assert effective == pytest.approx(stored["P"], rel=1e-9)
+    assert np.asarray(state.moments) == pytest.approx(stored["M"], abs=1e-10 * level)
+    angles = np.asarray(state.contact_angles)
+    assert angles[:, 0] == pytest.approx(stored["chi_in"], abs=1e-10)
+    assert angles[:, 1] == pytest.approx(stored["chi_out"], abs=1e-10)
+    assert np.asarray(state.slip) == pytest.approx(stored["slip"], abs=1e-11)
+    assert np.asarray(state.span_lengths) == pytest.approx(stored["free"], rel=1e-10)
+    grooved = np.asarray(state.penetrations) > 0
+    wraps = np.asarray(state.wraps)
+    assert wraps[grooved] == pytest.approx(np.array(stored["wrap"])[grooved], abs=1e-10)
+    assert float(state.efficiency) == pytest.approx(stored["eff"], abs=1e-10)
+
+
+def test_belt_of_given_length_is_that_of_an_independent_solver():
+    drive, point = grooved_drive("A3")
+    state = bj.groove_state(drive, point)
+    assert_as_stored(state, CASES["A3"]["eps"]["1e-05"])
+
+
+def test_slip_limit_is_that_of_an_independent_solver():
+    drive, point = grooved_drive("A5")
+    state = bj.maximum_moment(drive, point, limit=bj.SlipLimit(0.1))
+    assert_as_stored(state, CASES["A5"]["eps"]["1e-05"])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("eps", ["1e-04", "1e-05"])
+@pytest.mark.parametrize("name", [name for name in CASES if name != "A5"])
+def test_all_stored_states(name, eps):
+    if eps not in CASES[name]["eps"]:
+        pytest.skip("not stored")
+    drive, point = grooved_drive(name)
+    state = bj.groove_state(drive, point, bj.Groove(slip_velocity=float(eps)))
+    assert_as_stored(state, CASES[name]["eps"][eps])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in CASES if name != "A5"])
+def test_tension_given_is_that_of_the_belt_turned_slowly(name):
+    drive, point = grooved_drive(name, by="tension")
+    state = bj.groove_state(drive, point)
+    assert float(state.unstretched_length) == pytest.approx(CASES[name]["L0"], rel=1e-10)
+    effective = np.asarray(state.solved.unknown.P * state.scales.tension)
+    assert effective == pytest.approx(CASES[name]["eps"]["1e-05"]["P"], rel=1e-8)
+
+
+@pytest.fixture(scope="module")
+def loaded():
+    drive, point = grooved_drive("A9", moment=2.0)
+    return bj.groove_state(drive, point, FEW)
+
+
+def test_energy_and_moments_balance(loaded):
+    assert abs(loaded.energy_balance) < 1e-10 * loaded.power_in
+    assert np.abs(loaded.moment_balance).max() < 1e-10 * loaded.driver_moment
+    given = np.sum(np.asarray(loaded.moments * loaded.speeds))
+    assert given + np.sum(np.asarray(loaded.loss)) == pytest.approx(0.0, abs=1e-9 * loaded.power_in)
+
+
+def test_belt_slides_inwards_at_first_and_outwards_at_last(loaded):
+    ends = np.array([0.0, 1.0])
+    for pulley in (0, 1):
+        depth = np.asarray(loaded.penetration(pulley, ends))
+        angle = np.degrees(np.asarray(loaded.sliding_angle(pulley, ends)))
+        assert depth == pytest.approx(0.0, abs=1e-12)
+        assert abs(angle[0]) < 20
+        assert abs(angle[1]) > 140
+    with pytest.raises(IndexError, match="pulley 2 of 2"):
+        loaded.penetration(2, ends)
+
+
+def test_zones_fill_the_arc(loaded):
+    assert np.sum(np.asarray(loaded.zones), axis=1) == pytest.approx(np.asarray(loaded.wraps))
+    assert np.all(np.asarray(loaded.zones) >= 0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("moment", ["2", "8", "20"])
+def test_zones_are_those_of_an_independent_solver(moment):
+    drive, point = grooved_drive("A3", moment=float(moment))
+    state = bj.groove_state(drive, point, bj.Groove(slip_velocity=1e-4))
+    fine = bj.groove_state(drive, point, bj.Groove(slip_velocity=1e-4, elements=1200))
+    zones, finer = (np.degrees(np.asarray(one.zones)) for one in (state, fine))
+    assert zones == pytest.approx(finer, abs=0.1)
+    for found, stored in zip(zones, ZONES[moment], strict=True):
+        assert found[0] == pytest.approx(stored["seating"], abs=0.02)
+        assert found[3] == pytest.approx(stored["unseating"], abs=0.02)
+        # Those of the stored mesh end at its nodes, which are some degrees apart there.
+        assert found[1] == pytest.approx(stored["adhesion"], abs=2.5)
+    depth = np.asarray(state.penetrations) / 0.05
+    assert depth == pytest.approx([stored["x_max"] for stored in ZONES[moment]], abs=1e-8)
+
+
+def numbers_of(state):
+    along = jnp.array([0.1, 0.5, 0.9])
+    return jnp.concatenate(
+        [
+            state.slip[1:],
+            state.loss,
+            state.moments[:1],
+            state.tensions,
+            state.contact_angles.ravel(),
+            state.zones[:, ::3].ravel(),
+            state.penetration(1, along),
+            state.efficiency[None],
+        ]
+    )
+
+
+def moved(drive, by):
+    """The drive with its wedge stiffness, first friction, second radius and tension or length."""
+    stiffness, friction, radius, rule = by
+    belt = dataclasses.replace(drive.belt, wedge_stiffness=drive.belt.wedge_stiffness * stiffness)
+    first, second, *rest = drive.pulleys
+    first = dataclasses.replace(first, friction=first.friction * friction)
+    second = dataclasses.replace(second, radius=second.radius * radius)
+    given = drive.installation
+    given = dataclasses.replace(given, belt_length=given.belt_length * rule)
+    return dataclasses.replace(
+        drive, belts=(belt,), pulleys=(first, second, *rest), installation=given
+    )
+
+
+AT, WAY = jnp.ones(4), jnp.array([0.3, -0.2, 0.01, 0.002])
+
+
+def numbers_at(by):
+    drive, point = grooved_drive("A9")
+    return numbers_of(bj.groove_state(moved(drive, by), point, FEW, throw=False))
+
+
+@pytest.fixture(scope="module")
+def forward():
+    return bj.quick_jit(lambda at: jax.jvp(numbers_at, (at,), (WAY,)))
+
+
+def test_derivatives_are_those_of_differences(forward):
+    _, slopes = forward(AT)
+    above, below = (forward(AT + h * WAY)[0] for h in (1e-5, -1e-5))
+    difference = np.asarray(above - below) / 2e-5
+    slopes, zones = np.array(slopes), slice(10, 14)
+    # Zones end between nodes, where the polynomials are less accurate.
+    assert slopes[zones] == pytest.approx(difference[zones], rel=3e-3)
+    slopes[zones] = difference[zones]
+    assert slopes == pytest.approx(difference, rel=2e-6, abs=1e-6)
+
+
+@pytest.mark.slow
+def test_reverse_derivatives_are_forward_ones(forward):
+    _, slopes = forward(AT)
+    weights = jnp.linspace(1.0, 2.0, len(slopes))
+    reverse = bj.quick_jit(jax.grad(lambda at: numbers_at(at) @ weights))(AT)
+    assert float(reverse @ WAY) == pytest.approx(float(slopes @ weights), rel=1e-9)
+
+
+def without_grooves(drive):
+    smooth = tuple(dataclasses.replace(pulley, wedged=0.0) for pulley in drive.pulleys)
+    return dataclasses.replace(drive, pulleys=smooth)
+
+
+def test_smooth_pulleys_give_the_contact_of_a_string():
+    drive, point = grooved_drive("A3")
+    smooth = without_grooves(drive)
+    flat = dataclasses.replace(drive.belt, wedge_angle=None, wedge_stiffness=None)
+    contact = bj.contact_state(dataclasses.replace(drive, belts=(flat,)), point)
+    state = bj.groove_state(smooth, point)
+    assert np.asarray(state.tensions) == pytest.approx(np.asarray(contact.tensions[:, 1]), rel=1e-9)
+    assert float(state.efficiency) == pytest.approx(float(contact.efficiency), rel=1e-10)
+    assert np.asarray(state.zones[:, 2]) == pytest.approx(np.asarray(contact.slips), rel=1e-9)
+
+
+@pytest.mark.slow
+def test_string_of_table_5_1():
+    drive, point = bj.load_drive("examples/two_pulley_table_5_1.toml")
+    belt = dataclasses.replace(
+        drive.belt, bending_stiffness=0.0, wedge_angle=0.7, wedge_stiffness=1e6
+    )
+    state = bj.groove_state(without_grooves(dataclasses.replace(drive, belts=(belt,))), point)
+    found = sorted(np.asarray(state.tensions))
+    assert found == pytest.approx(sorted([STRING["T1"], STRING["T2"]]), rel=1e-9)
+    assert float(state.efficiency) == pytest.approx(STRING["efficiency"], rel=1e-10)
