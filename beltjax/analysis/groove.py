@@ -176,7 +176,7 @@ def groove_state(
     Args:
         drive: a drive of one belt with `wedge_angle` and `wedge_stiffness`.
         point: speeds and torques.
-        method: `Groove()` unless given.
+        method: `Groove()` with the drive's own `contact` unless given.
         throw: raise where the result is a failure.
 
     Returns:
@@ -207,16 +207,20 @@ def solved_groove(
     unmet = unmet_groove(drive, point, limit is not None)
     if unmet is not None:
         raise ValueError(f"{unmet.key} {unmet.message}.")
-    question = groove_question(method, limit)
+    question = groove_question(groove_method(drive) if method is None else method, limit)
     found = groove_solution(*canonical(drive, point), *question)
     return raise_unless_successful(found, found.result, throw)
 
 
+def groove_method(drive: Drive) -> Groove:
+    """The method that the drive itself gives, by [contact] of its file."""
+    return Groove(slip_velocity=drive.contact.slip_velocity)
+
+
 def groove_question(
-    method: Groove | None, limit: SlipLimit | AdhesionLimit | None
+    method: Groove, limit: SlipLimit | AdhesionLimit | None
 ) -> tuple[Groove, Float[Array, ""], Float[Array, ""], int]:
     """Method and limit as `groove_solution` takes them."""
-    method = Groove() if method is None else method
     if isinstance(limit, AdhesionLimit):
         return method, as_real(2.0), as_real(0.0), ROUNDS
     if limit is None:
@@ -231,8 +235,11 @@ class UnmetGroove(NamedTuple):
     message: str
 
 
-def unmet_groove(drive: Drive, point: OperatingPoint, maximum: bool) -> UnmetGroove | None:
-    """What the model of grooves cannot do without; None where nothing is missing."""
+def unmet_groove(drive: Drive, point: OperatingPoint | None, maximum: bool) -> UnmetGroove | None:
+    """What the model of grooves cannot do without; None where nothing is missing.
+
+    Without a point, what is missing whatever the torques.
+    """
     if len(drive.belts) > 1:
         return UnmetGroove("belt", "are several; grooves are found for a drive of one belt")
     if drive.belt.wedge_angle is None:
@@ -253,8 +260,8 @@ def unmet_groove(drive: Drive, point: OperatingPoint, maximum: bool) -> UnmetGro
     return _unmet_pulley(drive, point, maximum)
 
 
-def _unmet_pulley(drive: Drive, point: OperatingPoint, maximum: bool) -> UnmetGroove | None:
-    bare = without_friction(drive, point, maximum)
+def _unmet_pulley(drive: Drive, point: OperatingPoint | None, maximum: bool) -> UnmetGroove | None:
+    bare = None if point is None else without_friction(drive, point, maximum)
     wedged = [p.name for p in drive.pulleys if p.friction is None and _may_wedge(p)]
     if wedged or bare is not None:
         message = "is missing; give the coefficient of the groove's flanks, or of the smooth rim"

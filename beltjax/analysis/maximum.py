@@ -33,7 +33,8 @@ def maximum_moment(
     Args:
         drive: a drive of one belt, or several flat ones.
         point: speeds, and torques whose proportion is kept.
-        limit: of a belt in grooves `SlipLimit(0.05)` unless given, or `AdhesionLimit()`.
+        limit: of a belt in grooves `SlipLimit(0.05)` unless given, or `AdhesionLimit()`, which
+            depends on the method's `slip_velocity`, below which friction is viscous.
         law: the belt law of a flat belt, as in `contact_state`.
         method: of a belt in grooves, as in `groove_state`.
         throw: raise where the result is a failure.
@@ -48,7 +49,7 @@ def maximum_moment(
         AnalysisError: the result is a failure, and `throw` is set.
     """
     if drive.belt.wedge_angle is not None:
-        given = SlipLimit() if limit is None else limit
+        given = SlipLimit(drive.contact.slip_limit) if limit is None else limit
         return solved_groove(drive, point, method, given, throw)
     if limit is not None or method is not None:
         raise ValueError("limit and method belong to a belt with wedge_angle: leave them out.")
