@@ -51,7 +51,7 @@ MOST_LEVELS = 30
 MOST_STEPS = 14  # of Newton's method, a level
 NEAR = 1e-3  # a step below it ends a level
 CLOSE = 1e-10  # likewise, of the last one
-ADHERES = 5.0  # eps below which the belt is said to adhere
+SLOW = 5e-4  # sliding speed over V_ref below which the belt is said to adhere
 
 
 class GrooveModel(NamedTuple):
@@ -239,7 +239,7 @@ def _equations(
 def adhering(arcs: Arc, model: GrooveModel) -> Scalar:
     """Log of the least sliding speed over that at which adhesion is said to end, of the worst."""
     at = jax.vmap(states)(arcs.z.y, arcs.z.p, model.grooves)
-    least = jnp.min(jnp.log(at.w[:, 1:-1] / (ADHERES * model.grooves.eps[:, None])), axis=1)
+    least = jnp.min(jnp.log(at.w[:, 1:-1] / slow(model.grooves.eps)[:, None]), axis=1)
     grooved = model.loaded * (1 - model.flat)
     return jnp.max(jnp.where(grooved > 0, least, -jnp.inf)) / 10
 
@@ -253,6 +253,11 @@ class _Search(NamedTuple):
     part: Scalar  # of the step that is taken
     residual: Scalar
     steps: Int[Array, ""]
+
+
+def slow(eps: Array) -> Array:
+    """Sliding speed below which the belt is said to adhere; where friction is viscous it creeps."""
+    return jnp.maximum(SLOW, 5 * eps)
 
 
 def _packed(unknown: Unknown) -> Array:

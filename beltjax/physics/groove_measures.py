@@ -13,7 +13,7 @@ from beltjax.numerics.bvp.collocation import Interval, interpolate, stage_values
 from beltjax.numerics.bvp.gauss import gauss
 from beltjax.physics.groove import Groove
 from beltjax.physics.groove_arc import DEEP, STAGES, Arc, integrals, states
-from beltjax.physics.groove_drive import ADHERES, GrooveModel, Loop, Unknown
+from beltjax.physics.groove_drive import GrooveModel, Loop, Unknown, slow
 
 Scalar = Float[Array, ""]
 Pulleys = Float[Array, " n"]
@@ -113,7 +113,7 @@ def arc_zones(arc: Arc, of: Groove) -> Float[Array, "4"]:
     start = crossing(first_in, jnp.maximum(first_in - 1, 0))
     end = crossing(last_in, jnp.minimum(last_in + 1, last))
     start, end = jnp.where(some, start, phi[-1]), jnp.where(some, end, phi[-1])
-    above = jnp.log(at.w / (ADHERES * of.eps))
+    above = jnp.log(at.w / slow(of.eps))
     low, high = above[:-1], above[1:]
     size = jnp.abs(low) + jnp.abs(high)
     part = (jnp.maximum(-low, 0) + jnp.maximum(-high, 0)) / jnp.where(size == 0, 1.0, size)
