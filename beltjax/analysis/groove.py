@@ -29,9 +29,9 @@ from beltjax.numerics.derivative_rules import differentiated_once
 from beltjax.numerics.rigid_bodies import holding_stop
 from beltjax.physics import groove_drive as physics
 from beltjax.physics.contact import BeltMotion
-from beltjax.physics.groove import Groove as Flanks
+from beltjax.physics.groove import Flanks
 from beltjax.physics.groove_arc import DEEP, states
-from beltjax.physics.groove_measures import Measures, measures
+from beltjax.physics.groove_measures import GrooveMeasures, measures
 from beltjax.physics.inclined_spans import Frame, inclined_spans
 from beltjax.results import (
     RESULTS,
@@ -100,7 +100,7 @@ class GrooveState(Readable):
     slip_velocity: Float[Array, ""]  # over the unstretched belt's speed
     order: TravelOrder  # of what is listed, as the belt meets it
     model: physics.GrooveModel  # in the units of `scales`, along the belt's travel
-    solved: physics.Solved
+    solved: physics.SolvedGrooves
     scales: Scales
     error: Float[Array, ""]  # residual of the equations before the last Newton step: an upper bound
     result: RESULTS
@@ -335,18 +335,18 @@ def groove_solution(
     return frozen_where_failed(differentiated_once(state), missing)
 
 
-class _Start(NamedTuple):
+class _GrooveStart(NamedTuple):
     tension: Float[Array, ""]  # [N]
     coordinates: Float[Array, " coordinates"]  # from the drawn positions [rad] or [m]
     length: Float[Array, ""]  # of the unstretched belt [m]; 1 where the tension gives it
     relaxed: Float[Array, " coordinates"]  # force of the springs at the drawn positions
 
 
-def _start(made: Assembly) -> _Start:
+def _start(made: Assembly) -> _GrooveStart:
     """What the installation gives, and where a search begins."""
     rule, still = made.rule, made.still
     if isinstance(rule, TensionGiven):
-        return _Start(rule.tension, still, jnp.ones(()), still)
+        return _GrooveStart(rule.tension, still, jnp.ones(()), still)
     assert isinstance(rule, BeltGiven)  # as `unmet_groove` holds
     string, fixed = resting(made), jax.lax.stop_gradient
     rested = succeeded(string.result)
@@ -355,7 +355,7 @@ def _start(made: Assembly) -> _Start:
     at = fixed(jnp.where(rested, string.coordinates, 0.0))
     lengths = jnp.broadcast_to(rule.belt_length, (1,))
     springs_of = held(made, lengths, free_positions(made, rule))
-    return _Start(tension, at, lengths[0], springs_of.relaxed)
+    return _GrooveStart(tension, at, lengths[0], springs_of.relaxed)
 
 
 def groove_model(
@@ -405,19 +405,19 @@ def _solutions(
     scales: Scales,
     model: physics.GrooveModel,
     method: Groove,
-    start: _Start,
+    start: _GrooveStart,
     limit: Float[Array, ""],
     slip: Float[Array, ""],
     rounds: int,
-) -> tuple[Bool[Array, ""], physics.Solved]:
+) -> tuple[Bool[Array, ""], physics.SolvedGrooves]:
     """Whether the belt rests, and the running belt."""
     one, zero, units = jnp.ones(()), jnp.zeros(()), groups.units
     at = start.coordinates / units
     relaxed = start.relaxed * units / scales.energy
-    holding = physics.HeldBelt(start.length / scales.length, relaxed)
+    holding = physics.GrooveBelt(start.length / scales.length, relaxed)
     greatest = _greatest(model)
     scale = jnp.where(limit == 2, greatest - 0.7, 0.0)
-    running = physics.Task(zero, one, limit, slip, scale, holding)
+    running = physics.GrooveTask(zero, one, limit, slip, scale, holding)
     level = one
     if isinstance(made.rule, BeltGiven) and not len(units):
         likely = physics.likely_tension(holding.L0, model)
@@ -430,7 +430,7 @@ def _solutions(
     stacked = jax.tree.map(lambda *x: jnp.stack(x), *stages)
 
     # All tasks use one compiled search in turn: the first finds the belt for the others.
-    def stage(carry: Any, now: Any) -> tuple[Any, physics.Solved]:
+    def stage(carry: Any, now: Any) -> tuple[Any, physics.SolvedGrooves]:
         kept, bracket = carry
         model, task, runs = now
         kept = jax.tree.map(lambda a, b: jnp.where(runs & rests, a, b), kept, task.held)
@@ -444,14 +444,14 @@ def _solutions(
         return (solved.held, bracket), solved
 
     rests = isinstance(made.rule, TensionGiven)
-    bracket = _Bracket(scale, greatest - 4, jnp.array(-0.1), greatest, jnp.array(1.0), zero)
+    bracket = _AdhesionBracket(scale, greatest - 4, jnp.array(-0.1), greatest, jnp.array(1.0), zero)
     first = in_lanes_of(model.EA, (holding, jax.lax.stop_gradient(bracket)))
     _, found = jax.lax.scan(stage, first, stacked)
     run = jax.tree.map(lambda x: x[-1], found)
     return found.converged[0], run
 
 
-class _Bracket(NamedTuple):
+class _AdhesionBracket(NamedTuple):
     """Factors on the torques, as logs, between which adhesion ends on a first pulley."""
 
     place: Float[Array, ""]  # to be tried
@@ -462,7 +462,7 @@ class _Bracket(NamedTuple):
     tried: Float[Array, ""]
 
 
-def _narrowed(at: _Bracket, found: Float[Array, ""]) -> _Bracket:
+def _narrowed(at: _AdhesionBracket, found: Float[Array, ""]) -> _AdhesionBracket:
     """The bracket after a trial: halved at first, then by secants that weigh an old end less."""
     up, secant = found > 0, at.tried >= HALVINGS
     low, bottom = jnp.where(up, at.low, at.place), jnp.where(up, at.bottom, found)
@@ -471,7 +471,7 @@ def _narrowed(at: _Bracket, found: Float[Array, ""]) -> _Bracket:
     top = jnp.where(up | ~secant, top, top / 2)
     straight = (low * top - high * bottom) / (top - bottom)
     place = jnp.where(secant, straight, (low + high) / 2)
-    return _Bracket(place, low, bottom, high, top, at.tried + 1)
+    return _AdhesionBracket(place, low, bottom, high, top, at.tried + 1)
 
 
 def _greatest(model: physics.GrooveModel) -> Float[Array, ""]:
@@ -492,9 +492,9 @@ def _state(
     groups: ContactGroups,
     scales: Scales,
     model: physics.GrooveModel,
-    solved: physics.Solved,
-    found: Measures,
-    coarse: Measures,
+    solved: physics.SolvedGrooves,
+    found: GrooveMeasures,
+    coarse: GrooveMeasures,
     method: Groove,
     result: RESULTS,
 ) -> GrooveState:
@@ -506,7 +506,7 @@ def _state(
     P, S = order.pulleys, order.spans
     radius = jnp.abs(model.frame.rho) * length
 
-    def numbers(of: Measures) -> dict[str, Array]:
+    def numbers(of: GrooveMeasures) -> dict[str, Array]:
         return {
             "tensions": (of.T * force)[S],
             "speeds": (of.omega / scales.time)[P],

@@ -10,7 +10,7 @@ KEY = "groove"
 # The numbers of a belt and of a pulley by the keys of their tables.
 OF_BELT = {"angle": "wedge_angle", "wedge_stiffness": "wedge_stiffness"}
 OF_PULLEY = {"angle": "wedge_angle"}
-SMOOTH = "smooth"  # of a pulley with groove = false
+WEDGED = "wedged"  # the key of a pulley that groove = false stands for
 
 
 def grooves_as_numbers(content: dict[str, Any], path: object) -> dict[str, Any]:
@@ -69,7 +69,7 @@ def _pulley(table: Any, key: str, grooved: bool, path: object) -> Any:
         message = "belongs to a belt with groove = { angle, wedge_stiffness }; add that, or remove"
         raise FileError(path, f"{key}.{KEY}", f"{message} this")
     if given is False:
-        return {word: value for word, value in table.items() if word != KEY} | {SMOOTH: True}
+        return {word: value for word, value in table.items() if word != KEY} | {WEDGED: False}
     if not isinstance(given, dict) or "angle" not in given:
         message = f"found {shown(given)}; give {{ angle = .. }}, or false for a smooth rim"
         raise FileError(path, f"{key}.{KEY}", message)

@@ -221,7 +221,7 @@ def pulleys_of(wheels: Wheels, of: BodiesOfFile, path: object) -> list[Pulley]:
                 on=on,
                 housed=pulley.housing == "arm",
                 friction_law=pulley.friction_law,
-                wedged=not pulley.smooth,
+                wedged=pulley.wedged,
                 belt=pulley.belt,
                 shaft=partner,
                 **given_numbers(pulley, Pulley),
@@ -380,7 +380,7 @@ def _pulley_content(pulley: Pulley, crossed: bool) -> dict[str, Any]:
     content |= {"belt": pulley.belt, "shaft": pulley.shaft}
     content |= {"driver": True if float(pulley.driver) else None}
     content |= {"housing": "arm" if float(pulley.housed) else None}
-    content |= {"smooth": None if float(pulley.wedged) else True}
+    content |= {"wedged": None if float(pulley.wedged) else False}
     return {key: value for key, value in content.items() if value is not None}
 
 

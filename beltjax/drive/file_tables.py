@@ -81,10 +81,10 @@ class PulleyTable(Table):
             "carries its pulley, which then feels its torque"
         ),
     ] = "ground"
-    smooth: Annotated[
+    wedged: Annotated[
         bool,
-        meaning("`true`, or `groove = false`, for one in whose rim a belt with grooves lies flat"),
-    ] = False
+        meaning("`false`, also written `groove = false`, where a belt with groove lies flat"),
+    ] = True
     friction_law: Annotated[
         Literal["stribeck", "cubic"] | None,
         meaning(

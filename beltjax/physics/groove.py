@@ -25,7 +25,7 @@ from jaxtyping import Array, Float
 Scalar = Float[Array, ""]
 
 
-class Groove(NamedTuple):
+class Flanks(NamedTuple):
     """A belt in the groove of one pulley."""
 
     R: Scalar
@@ -36,7 +36,7 @@ class Groove(NamedTuple):
     eps: Scalar
 
 
-class Ends(NamedTuple):
+class ArcEnds(NamedTuple):
     """What spans and belt prescribe at the ends of an arc."""
 
     P_in: Scalar
@@ -57,7 +57,7 @@ class Sliding(NamedTuple):
     loss: Scalar  # power per length, over V_ref
 
 
-def sliding(xi: Scalar, chi: Scalar, P: Scalar, om: Scalar, g: Scalar, of: Groove) -> Sliding:
+def sliding(xi: Scalar, chi: Scalar, P: Scalar, om: Scalar, g: Scalar, of: Flanks) -> Sliding:
     """Wedge law and friction (W2) to (W5)."""
     stretch = (of.EA + P) / (of.EA - g)
     v_t = stretch * jnp.cos(chi) - om * (1 - xi)
@@ -79,7 +79,7 @@ def sliding(xi: Scalar, chi: Scalar, P: Scalar, om: Scalar, g: Scalar, of: Groov
 
 
 def slopes(
-    xi: Scalar, chi: Scalar, P: Scalar, om: Scalar, g: Scalar, of: Groove
+    xi: Scalar, chi: Scalar, P: Scalar, om: Scalar, g: Scalar, of: Flanks
 ) -> tuple[Scalar, Scalar, Scalar]:
     """Derivatives of xi, chi and P by phi (W6)."""
     at = sliding(xi, chi, P, om, g, of)

@@ -27,7 +27,7 @@ from beltjax.numerics.bvp.collocation import (
 from beltjax.numerics.bvp.condensed import step_and_responses
 from beltjax.numerics.bvp.gauss import gauss
 from beltjax.numerics.bvp.mesh import equidistribute
-from beltjax.physics.groove import Ends, Groove, Sliding, sliding, slopes
+from beltjax.physics.groove import ArcEnds, Flanks, Sliding, sliding, slopes
 
 Scalar = Float[Array, ""]
 STAGES = 3
@@ -60,18 +60,18 @@ class Integrals(NamedTuple):
     moment: Scalar  # of the friction, taken from the belt
 
 
-def arc_problem(of: Groove, ends: Ends) -> Problem:
+def arc_problem(of: Flanks, ends: ArcEnds) -> Problem:
     """The two-point problem of one arc."""
     unit = Interval(jnp.zeros(()), jnp.ones(()))
     return Problem(_along, _conditions, unit, (of, ends), None)
 
 
-def _along(_: Scalar, y: Array, p: Array, args: tuple[Groove, Ends]) -> Array:
+def _along(_: Scalar, y: Array, p: Array, args: tuple[Flanks, ArcEnds]) -> Array:
     deep, chi, P = slopes(DEEP * y[0], y[1], y[2], p[1], p[2], args[0])
     return p[0] * jnp.stack([deep / DEEP, chi, P])
 
 
-def _conditions(first: Array, last: Array, p: Array, args: tuple[Groove, Ends]) -> Array:
+def _conditions(first: Array, last: Array, p: Array, args: tuple[Flanks, ArcEnds]) -> Array:
     ends = args[1]
     return jnp.stack(
         [
@@ -85,12 +85,12 @@ def _conditions(first: Array, last: Array, p: Array, args: tuple[Groove, Ends]) 
     )
 
 
-def seating_stiffness(of: Groove) -> Scalar:
+def seating_stiffness(of: Flanks) -> Scalar:
     """Radial stiffness of a belt that is pressed in against limiting friction (W4)."""
     return 2 * of.K * jnp.tan(of.beta + jnp.arctan(of.mu))
 
 
-def first_arc(of: Groove, ends: Ends, elements: int) -> Arc:
+def first_arc(of: Flanks, ends: ArcEnds, elements: int) -> Arc:
     """A start: the belt adheres but for layers at both ends, with the tension of a flat belt."""
     stiffness = seating_stiffness(of) * of.R**2
     rate = jnp.sqrt(stiffness / ends.P_in)
@@ -112,12 +112,12 @@ def first_arc(of: Groove, ends: Ends, elements: int) -> Arc:
     return Arc(mesh, Unknowns(jax.vmap(shape, out_axes=1)(mesh), K, p))
 
 
-def states(y: Float[Array, "3 *at"], p: Float[Array, "3"], of: Groove) -> Sliding:
+def states(y: Float[Array, "3 *at"], p: Float[Array, "3"], of: Flanks) -> Sliding:
     """Sliding and forces where the unknowns have these values."""
     return sliding(DEEP * y[0], y[1], y[2], p[1], p[2], of)
 
 
-def moved_arc(arc: Arc, of: Groove) -> Arc:
+def moved_arc(arc: Arc, of: Flanks) -> Arc:
     """The same arc on a mesh that follows its layers and the turning of the friction (W10)."""
     y, at = arc.z.y, states(arc.z.y, arc.z.p, of)
 
@@ -134,7 +134,7 @@ def moved_arc(arc: Arc, of: Groove) -> Arc:
     return Arc(mesh, remesh(unit, arc.mesh, arc.z, mesh, gauss(STAGES)))
 
 
-class Step(NamedTuple):
+class ArcStep(NamedTuple):
     """What a Newton step takes off for ends held as they are, and the response to each of them."""
 
     base: Unknowns
@@ -142,7 +142,7 @@ class Step(NamedTuple):
     residual: Scalar
 
 
-def arc_step(arc: Arc, of: Groove, ends: Ends) -> Step:
+def arc_step(arc: Arc, of: Flanks, ends: ArcEnds) -> ArcStep:
     """One linearization of the arc."""
     problem = arc_problem(of, ends)
     left = residual(problem, arc.mesh, arc.z)
@@ -152,16 +152,16 @@ def arc_step(arc: Arc, of: Groove, ends: Ends) -> Step:
         problem.interval, arc.mesh, arc.z, local, left, jnp.eye(6)[2:]
     )
     size = jnp.maximum(jnp.max(jnp.abs(left.joints)), jnp.max(jnp.abs(left.stages)))
-    return Step(base, response, jnp.maximum(size, jnp.max(jnp.abs(left.conditions))))
+    return ArcStep(base, response, jnp.maximum(size, jnp.max(jnp.abs(left.conditions))))
 
 
-def passed(z: Unknowns, mesh: Mesh, of: Groove) -> Passed:
+def passed(z: Unknowns, mesh: Mesh, of: Flanks) -> Passed:
     """What the arc passes on."""
     found = integrals(z, mesh, of)
     return Passed(z.y[1, 0], z.y[1, -1], z.p[1], found.unstretched)
 
 
-def integrals(z: Unknowns, mesh: Mesh, of: Groove) -> Integrals:
+def integrals(z: Unknowns, mesh: Mesh, of: Flanks) -> Integrals:
     """Integrals along the arc, by the weights of the collocation."""
     unit, scheme = Interval(jnp.zeros(()), jnp.ones(())), gauss(STAGES)
     y = jnp.moveaxis(stage_values(unit, mesh, z), 1, 0)  # [3, stages, elements]
@@ -178,7 +178,7 @@ def integrals(z: Unknowns, mesh: Mesh, of: Groove) -> Integrals:
 
 
 @jax.custom_jvp
-def solved_arc(numbers: tuple[Groove, Ends], arc: Arc) -> Unknowns:
+def solved_arc(numbers: tuple[Flanks, ArcEnds], arc: Arc) -> Unknowns:
     """The unknowns of a converged arc, as functions of groove and ends on a mesh that is held.
 
     The slopes by each of the numbers are taken once, from the equations (W6) and (W7); a second

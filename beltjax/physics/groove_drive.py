@@ -1,7 +1,7 @@
 """A drive whose belt wedges in the grooves of some pulleys and lies on others, in one system.
 
-Unknowns are those of `Unknown` and the arcs of all grooves; each Newton step eliminates the arcs,
-whose response to their ends is known, and solves for the rest. Friction is viscous below a sliding
+Unknowns are those of `GrooveUnknown` and the arcs of all grooves; each Newton step eliminates the
+arcs, whose response to their ends is known, and solves for the rest. Friction is viscous below a sliding
 speed eps, which is lowered level by level. Letters as in `physics.groove` and
 `physics.inclined_spans`. docs/theory/grooves.md, (W7) to (W11).
 """
@@ -19,11 +19,11 @@ from beltjax.numerics.derivative_rules import frozen_unless
 from beltjax.numerics.rigid_bodies import Coordinates
 from beltjax.numerics.roots import implicit_solution, solve_dense
 from beltjax.physics.contact import BeltMotion
-from beltjax.physics.groove import Ends, Groove
+from beltjax.physics.groove import ArcEnds, Flanks
 from beltjax.physics.groove_arc import (
     Arc,
+    ArcStep,
     Passed,
-    Step,
     arc_step,
     first_arc,
     moved_arc,
@@ -58,7 +58,7 @@ class GrooveModel(NamedTuple):
     """A drive of one belt, along its travel."""
 
     frame: Frame
-    grooves: Groove  # each leaf [n]; of flat pulleys `flat_groove`
+    grooves: Flanks  # each leaf [n]; of flat pulleys `flat_groove`
     flat: Pulleys  # 1 where the pulley has no groove
     mu: Pulleys  # of flat pulleys
     EA: Scalar
@@ -68,7 +68,7 @@ class GrooveModel(NamedTuple):
     motion: BeltMotion
 
 
-class Unknown(NamedTuple):
+class GrooveUnknown(NamedTuple):
     """The unknowns of the drive besides its arcs."""
 
     P: Pulleys  # of each span
@@ -78,14 +78,14 @@ class Unknown(NamedTuple):
     scale: Scalar  # log of the factor on all torques
 
 
-class HeldBelt(NamedTuple):
+class GrooveBelt(NamedTuple):
     """Properties of the installed belt and springs that stay the same."""
 
     L0: Scalar
     relaxed: Coordinates  # the springs push by this less K q
 
 
-class Task(NamedTuple):
+class GrooveTask(NamedTuple):
     """What is asked, as data, so that one compiled search serves all."""
 
     resting: Scalar  # 1: the springs follow, the bodies stand as drawn; 0: belt and springs held
@@ -93,10 +93,10 @@ class Task(NamedTuple):
     limit: Scalar  # 0: torques as they are; 1: up to the slip limit; 2: to the limit of adhesion
     slip: Scalar  # largest slip allowed, of limit 1
     scale: Scalar  # log of the factor on the torques, of limit 0
-    held: HeldBelt
+    held: GrooveBelt
 
 
-class Loop(NamedTuple):
+class GrooveLoop(NamedTuple):
     """The drive for given unknowns."""
 
     at: Passed  # each leaf [n]
@@ -109,15 +109,15 @@ class Loop(NamedTuple):
     push: Coordinates
 
 
-class Solved(NamedTuple):
+class SolvedGrooves(NamedTuple):
     """The state of the drive that meets a task."""
 
-    unknown: Unknown
-    loop: Loop
+    unknown: GrooveUnknown
+    loop: GrooveLoop
     arcs: Arc  # each leaf [n]; of flat pulleys a placeholder
-    held: HeldBelt
-    grooves: Groove
-    ends: Ends
+    held: GrooveBelt
+    grooves: Flanks
+    ends: ArcEnds
     converged: Bool[Array, ""]
     residual: Scalar
     steps: Int[Array, ""]
@@ -128,20 +128,20 @@ class Solved(NamedTuple):
 class Coarser(NamedTuple):
     """The same drive, not differentiated, with a larger eps: it shows what eps does."""
 
-    unknown: Unknown
-    loop: Loop
+    unknown: GrooveUnknown
+    loop: GrooveLoop
     arcs: Arc
-    grooves: Groove
+    grooves: Flanks
 
 
-def flat_groove(R: Pulleys, tension: Scalar, EA: Scalar, eps: Scalar) -> tuple[Groove, Ends]:
+def flat_groove(R: Pulleys, tension: Scalar, EA: Scalar, eps: Scalar) -> tuple[Flanks, ArcEnds]:
     """A groove and ends that are easy to solve, in the place of those of a flat pulley."""
     one = jnp.ones_like(R)
     beta, mu = 0.35 * one, 0.3 * one
     K = 50 * tension / (R**2 * 2 * jnp.tan(beta + jnp.arctan(mu)))
     EA = jnp.broadcast_to(EA, R.shape)
-    groove = Groove(R, beta, mu, K, EA, eps * one)
-    return groove, Ends(tension * one, tension * one, 2.5 * one, 0 * one)
+    groove = Flanks(R, beta, mu, K, EA, eps * one)
+    return groove, ArcEnds(tension * one, tension * one, 2.5 * one, 0 * one)
 
 
 def at_rest(model: GrooveModel) -> GrooveModel:
@@ -156,16 +156,16 @@ def _with_eps(model: GrooveModel, eps: Scalar) -> GrooveModel:
     return model._replace(grooves=model.grooves._replace(eps=spread))
 
 
-def ends_of(unknown: Unknown, model: GrooveModel) -> Ends:
+def ends_of(unknown: GrooveUnknown, model: GrooveModel) -> ArcEnds:
     """What each arc is given; flat pulleys are given what `flat_groove` is."""
     P = unknown.P
     g = jnp.broadcast_to(unknown.g, P.shape)
-    ends = Ends(model.frame.loops.preceding(P), P, unknown.turn, g)
+    ends = ArcEnds(model.frame.loops.preceding(P), P, unknown.turn, g)
     nominal = flat_groove(model.grooves.R, jnp.ones(()), model.EA, jnp.ones(()))[1]
     return jax.tree.map(lambda a, b: jnp.where(model.flat > 0, a, b), nominal, ends)
 
 
-def flat_arc(unknown: Unknown, model: GrooveModel) -> Passed:
+def flat_arc(unknown: GrooveUnknown, model: GrooveModel) -> Passed:
     """What flat pulleys pass on: the belt adheres where it comes in, and slips at the end.
 
     The sign of the change of tension stands in place of absolute values, so that derivatives
@@ -181,7 +181,7 @@ def flat_arc(unknown: Unknown, model: GrooveModel) -> Passed:
     return Passed(none, none, first, radius * (unknown.turn / first + slipping))
 
 
-def loop_of(unknown: Unknown, at: Passed, model: GrooveModel) -> Loop:
+def loop_of(unknown: GrooveUnknown, at: Passed, model: GrooveModel) -> GrooveLoop:
     """The drive whose arcs pass this on."""
     frame, EA, g = model.frame, model.EA, unknown.g
     spans = inclined_spans(at.chi_in, at.chi_out, unknown.q, frame)
@@ -191,7 +191,7 @@ def loop_of(unknown: Unknown, at: Passed, model: GrooveModel) -> Loop:
     housed = model.pull * jnp.abs(frame.rho) * jnp.exp(unknown.scale)
     _, c, v, _ = model.motion
     V_ref = c if c is not None else v / driver  # pyright: ignore[reportOptionalOperand]
-    return Loop(
+    return GrooveLoop(
         at=at,
         spans=spans,
         V_ref=V_ref,
@@ -209,8 +209,8 @@ def _flux(V_ref: Scalar, model: GrooveModel) -> Scalar:
 
 
 def _equations(
-    unknown: Unknown, at: Passed, arcs: Arc, model: GrooveModel, task: Task
-) -> tuple[Array, Loop]:
+    unknown: GrooveUnknown, at: Passed, arcs: Arc, model: GrooveModel, task: GrooveTask
+) -> tuple[Array, GrooveLoop]:
     """Residuals of order one, and the drive."""
     loop, level = loop_of(unknown, at, model), jnp.mean(unknown.P)
     wanted = model.pull * jnp.exp(unknown.scale)
@@ -244,10 +244,10 @@ def adhering(arcs: Arc, model: GrooveModel) -> Scalar:
     return jnp.max(jnp.where(grooved > 0, least, -jnp.inf)) / 10
 
 
-class _Search(NamedTuple):
+class _GrooveSearch(NamedTuple):
     """A search by Newton's method at one level of eps."""
 
-    unknown: Unknown
+    unknown: GrooveUnknown
     arcs: Arc
     size: Scalar  # of the whole last step, over the largest that is taken
     part: Scalar  # of the step that is taken
@@ -260,18 +260,18 @@ def slow(eps: Array) -> Array:
     return jnp.maximum(SLOW, 5 * eps)
 
 
-def _packed(unknown: Unknown) -> Array:
+def _packed(unknown: GrooveUnknown) -> Array:
     return jnp.concatenate([jnp.ravel(x) for x in unknown])
 
 
-def _unpacked(x: Array, like: Unknown) -> Unknown:
+def _unpacked(x: Array, like: GrooveUnknown) -> GrooveUnknown:
     sizes = [leaf.size for leaf in like]
     parts = jnp.split(x, np.cumsum(sizes)[:-1])
-    return Unknown(*(x.reshape(jnp.shape(of)) for x, of in zip(parts, like, strict=True)))
+    return GrooveUnknown(*(x.reshape(jnp.shape(of)) for x, of in zip(parts, like, strict=True)))
 
 
 def _responding(
-    unknown: Unknown, arcs: Arc, steps: Step, model: GrooveModel, task: Task
+    unknown: GrooveUnknown, arcs: Arc, steps: ArcStep, model: GrooveModel, task: GrooveTask
 ) -> tuple[Array, Array]:
     """Residual and slopes of the drive's equations by its unknowns, the arcs following."""
 
@@ -304,7 +304,7 @@ def _responding(
     return value + shift, slopes
 
 
-def _newton(state: _Search, model: GrooveModel, task: Task) -> _Search:
+def _newton(state: _GrooveSearch, model: GrooveModel, task: GrooveTask) -> _GrooveSearch:
     unknown, arcs = state.unknown, state.arcs
     steps = jax.vmap(arc_step)(arcs, model.grooves, ends_of(unknown, model))
     value, slopes = _responding(unknown, arcs, steps, model, task)
@@ -324,7 +324,7 @@ def _newton(state: _Search, model: GrooveModel, task: Task) -> _Search:
     slower = (size > (1 - 0.5 * state.part) * state.size) & (size > 1e-3)
     part = jnp.where(slower, jnp.maximum(state.part / 2, 1 / 8), jnp.minimum(2 * state.part, 1.0))
     part = jnp.where(size <= 1e-3, 1.0, jnp.minimum(part, 1 / size))
-    return _Search(
+    return _GrooveSearch(
         unknown=jax.tree.map(lambda a, b: a + part * b, unknown, d),
         arcs=arcs._replace(z=jax.tree.map(lambda a, b: a + part * b, arcs.z, dz)),
         size=size,
@@ -336,7 +336,7 @@ def _newton(state: _Search, model: GrooveModel, task: Task) -> _Search:
     )
 
 
-def _size(d: Unknown, dz: Unknowns, unknown: Unknown, arcs: Arc) -> Scalar:
+def _size(d: GrooveUnknown, dz: Unknowns, unknown: GrooveUnknown, arcs: Arc) -> Scalar:
     """A step over the largest that is taken at once: 0.15 rad, two fifths of a tension, ..."""
     sizes = [
         jnp.max(jnp.abs(dz.y[:, 1])) / 0.15,
@@ -349,13 +349,13 @@ def _size(d: Unknown, dz: Unknowns, unknown: Unknown, arcs: Arc) -> Scalar:
     return jnp.max(jnp.stack(sizes))
 
 
-class _Level(NamedTuple):
+class _GrooveLevel(NamedTuple):
     """The way down in eps."""
 
-    unknown: Unknown
+    unknown: GrooveUnknown
     arcs: Arc
     eps: Scalar  # of these two
-    before: tuple[Unknown, Arc, Scalar]  # of the level before
+    before: tuple[GrooveUnknown, Arc, Scalar]  # of the level before
     step: Scalar  # log of the ratio of levels
     done: Bool[Array, ""]
     residual: Scalar
@@ -363,7 +363,9 @@ class _Level(NamedTuple):
     steps: Int[Array, ""]
 
 
-def solve(model: GrooveModel, task: Task, start: Unknown, elements: int) -> Solved:
+def solve(
+    model: GrooveModel, task: GrooveTask, start: GrooveUnknown, elements: int
+) -> SolvedGrooves:
     """The drive that meets the task, from a start that need not be close.
 
     The square system is differentiated at its root, on a mesh that is held.
@@ -380,10 +382,10 @@ def solve(model: GrooveModel, task: Task, start: Unknown, elements: int) -> Solv
         first.grooves, ends_of(start, first)
     )
 
-    def unfinished(at: _Level) -> Bool[Array, ""]:
+    def unfinished(at: _GrooveLevel) -> Bool[Array, ""]:
         return ~at.done & (at.tries < MOST_LEVELS) & (at.step < SMALLEST)
 
-    def level(at: _Level) -> _Level:
+    def level(at: _GrooveLevel) -> _GrooveLevel:
         last = at.eps <= eps * (1 + 1e-9)  # nothing is left but to solve on a mesh of its own
         begun = at.eps > coarse
         aim = jnp.where(begun, coarse, jnp.maximum(eps, at.eps * jnp.exp(at.step)))
@@ -391,10 +393,12 @@ def solve(model: GrooveModel, task: Task, start: Unknown, elements: int) -> Solv
         now, close = _with_eps(held_model, aim), jnp.where(last, CLOSE, NEAR)
         most = jnp.where(begun, 2 * MOST_STEPS, MOST_STEPS)
 
-        def going(search: _Search) -> Bool[Array, ""]:
+        def going(search: _GrooveSearch) -> Bool[Array, ""]:
             return (search.size > close) & (search.steps < most) & (search.size < 1e6)
 
-        begin = _Search(at.unknown, at.arcs, jnp.array(1e5), jnp.ones(()), at.residual, at.tries)
+        begin = _GrooveSearch(
+            at.unknown, at.arcs, jnp.array(1e5), jnp.ones(()), at.residual, at.tries
+        )
         begin = begin._replace(steps=jnp.zeros_like(at.tries))
         end = jax.lax.while_loop(going, lambda search: _newton(search, now, held_task), begin)
         fine = end.size <= close
@@ -410,7 +414,7 @@ def solve(model: GrooveModel, task: Task, start: Unknown, elements: int) -> Solv
             lambda a, b: jnp.where(fine & ~last & ~begun, a, b), before[:3], at.before
         )
         halved = jnp.where(last | begun, 0.0, at.step / 2)
-        return _Level(
+        return _GrooveLevel(
             unknown=unknown,
             arcs=arcs,
             eps=reached,
@@ -426,7 +430,7 @@ def solve(model: GrooveModel, task: Task, start: Unknown, elements: int) -> Solv
     step = jnp.minimum(jnp.log(eps / coarse) / count, jnp.log(0.9))
     # Above the first level: it is not reached yet.
     above = 2 * coarse
-    state = _Level(
+    state = _GrooveLevel(
         unknown=start,
         arcs=arcs,
         eps=above,
@@ -444,7 +448,7 @@ def solve(model: GrooveModel, task: Task, start: Unknown, elements: int) -> Solv
     return _with_derivatives(end.unknown, end.arcs, model, task, evidence)
 
 
-def _coarser(unknown: Unknown, arcs: Arc, model: GrooveModel) -> Coarser:
+def _coarser(unknown: GrooveUnknown, arcs: Arc, model: GrooveModel) -> Coarser:
     at = jax.vmap(passed)(arcs.z, arcs.mesh, model.grooves)
     at = _chosen(model, flat_arc(unknown, model), at)
     return Coarser(unknown, loop_of(unknown, at, model), arcs, model.grooves)
@@ -455,11 +459,11 @@ def _chosen(model: GrooveModel, flat: Passed, grooved: Passed) -> Passed:
 
 
 def _with_derivatives(
-    found: Unknown, arcs: Arc, model: GrooveModel, task: Task, evidence: tuple[Any, ...]
-) -> Solved:
+    found: GrooveUnknown, arcs: Arc, model: GrooveModel, task: GrooveTask, evidence: tuple[Any, ...]
+) -> SolvedGrooves:
     good, residual, count, last, coarser = evidence
 
-    def function(x: Array, args: tuple[GrooveModel, Task, Arc]) -> tuple[Array, Any]:
+    def function(x: Array, args: tuple[GrooveModel, GrooveTask, Arc]) -> tuple[Array, Any]:
         model, task, arcs = args
         unknown = _unpacked(x, found)
         ends = ends_of(unknown, model)
@@ -474,11 +478,11 @@ def _with_derivatives(
     unknown = _unpacked(root, found)
     relaxed = jnp.where(task.resting > 0, model.frame.K @ unknown.q - loop.push, task.held.relaxed)
     length = jnp.where(task.resting > 0, loop.length, task.held.L0)
-    return Solved(
+    return SolvedGrooves(
         unknown=unknown,
         loop=loop,
         arcs=arcs._replace(z=z),
-        held=HeldBelt(length, relaxed),
+        held=GrooveBelt(length, relaxed),
         grooves=model.grooves,
         ends=ends,
         converged=good,
@@ -502,7 +506,7 @@ def likely_tension(L0: Scalar, model: GrooveModel) -> Scalar:
     return (path - L0) / (L0 / model.EA + jnp.sum(sunk))
 
 
-def likely(tension: Scalar, q: Coordinates, scale: Scalar, model: GrooveModel) -> Unknown:
+def likely(tension: Scalar, q: Coordinates, scale: Scalar, model: GrooveModel) -> GrooveUnknown:
     """A start for `solve`: tensions about a given mean, turns of a belt that does not sink in."""
     tension, q, scale, model = jax.lax.stop_gradient((tension, q, scale, model))
     offsets = jnp.exp(scale) * jnp.cumsum(model.pull)
@@ -515,4 +519,4 @@ def likely(tension: Scalar, q: Coordinates, scale: Scalar, model: GrooveModel) -
     mean = jnp.maximum(mean, 0.25 * mean - jnp.min(offsets))
     none = jnp.zeros_like(model.pull)
     turns = inclined_spans(none, none, q, model.frame).turns
-    return Unknown(mean + offsets, turns, q, g, scale)
+    return GrooveUnknown(mean + offsets, turns, q, g, scale)

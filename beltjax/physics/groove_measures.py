@@ -11,16 +11,16 @@ from jaxtyping import Array, Float
 
 from beltjax.numerics.bvp.collocation import Interval, interpolate, stage_values
 from beltjax.numerics.bvp.gauss import gauss
-from beltjax.physics.groove import Groove
+from beltjax.physics.groove import Flanks
 from beltjax.physics.groove_arc import DEEP, STAGES, Arc, integrals, states
-from beltjax.physics.groove_drive import GrooveModel, Loop, Unknown, slow
+from beltjax.physics.groove_drive import GrooveLoop, GrooveModel, GrooveUnknown, slow
 
 Scalar = Float[Array, ""]
 Pulleys = Float[Array, " n"]
 RESTS = 0.05  # part by which the radial force differs from P/r where the belt seats or unseats
 
 
-class Measures(NamedTuple):
+class GrooveMeasures(NamedTuple):
     """Numbers of a drive, along its travel; powers are over V_ref, so that they exist at rest."""
 
     P: Pulleys  # of each span
@@ -42,8 +42,8 @@ class Measures(NamedTuple):
 
 
 def measures(
-    unknown: Unknown, loop: Loop, arcs: Arc, grooves: Groove, model: GrooveModel
-) -> Measures:
+    unknown: GrooveUnknown, loop: GrooveLoop, arcs: Arc, grooves: Flanks, model: GrooveModel
+) -> GrooveMeasures:
     """The numbers of a drive."""
     EA, g, P = model.EA, unknown.g, unknown.P
     before, R, flat = model.frame.loops.preceding(P), jnp.abs(model.frame.rho), model.flat > 0
@@ -60,7 +60,7 @@ def measures(
     slipping = _flat_slip(P, before, model)
     smooth = jnp.stack([0 * wraps, wraps - slipping, slipping, 0 * wraps], axis=-1)
     zones = jnp.where(flat[:, None], smooth, jax.vmap(arc_zones)(arcs, grooves))
-    return Measures(
+    return GrooveMeasures(
         P=P,
         T=P + g * loop.stretch,
         speed=loop.V_ref * loop.stretch,
@@ -86,7 +86,7 @@ def _flat_slip(P: Pulleys, before: Pulleys, model: GrooveModel) -> Pulleys:
     return side * jnp.log(P / before) / model.mu
 
 
-def arc_zones(arc: Arc, of: Groove) -> Float[Array, "4"]:
+def arc_zones(arc: Arc, of: Flanks) -> Float[Array, "4"]:
     """Seating, adhesion, sliding and unseating of one arc [rad], by definition (W13)."""
     places, y = dense(arc)
     phi, at = arc.z.p[0] * places, states(y, arc.z.p, of)
@@ -144,7 +144,7 @@ def deepest(arc: Arc) -> Scalar:
     return DEEP * rise(jax.lax.stop_gradient((low + high) / 2))[1]
 
 
-def _unsettled(place: Scalar, arc: Arc, of: Groove) -> Scalar:
+def _unsettled(place: Scalar, arc: Arc, of: Flanks) -> Scalar:
     """How far the radial force is off, less the limit, at a place on [0, 1]."""
     y, _ = interpolate(Interval(jnp.zeros(()), jnp.ones(())), arc.mesh, arc.z, place[None])
     at = states(y[:, 0], arc.z.p, of)
