@@ -190,8 +190,9 @@ def _described(
     """
     require_one_arm(content, path)
     near, origin = near_the_origin(content)
+    near = grooves_as_numbers(near, path)
     plain = springs_as_positions(in_terms_of_the_drive(near, path), path)
-    plain = grooves_as_numbers(frictions_as_numbers(plain, path), path)
+    plain = frictions_as_numbers(plain, path)
     file = validated(DriveTable, completed(plain), path)
     wheels = Wheels(file, path)
     of = read_bodies(file, wheels.shafts, path)

@@ -69,7 +69,6 @@ _UNITS_OF_RESULTS = {
     "penetrations": "m",
     "span_speeds": "m/s",
     "mass_flow": "kg/s",
-    "speeds": "rad/s",
     "energy_balance": "W",
     "moment_balance": "N m",
 }

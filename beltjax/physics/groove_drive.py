@@ -1,8 +1,8 @@
 """A drive whose belt wedges in the grooves of some pulleys and lies on others, in one system.
 
 Unknowns are those of `GrooveUnknown` and the arcs of all grooves; each Newton step eliminates the
-arcs, whose response to their ends is known, and solves for the rest. Friction is viscous below a sliding
-speed eps, which is lowered level by level. Letters as in `physics.groove` and
+arcs, whose response to their ends is known, and solves for the rest. Friction is viscous below a
+sliding speed eps, which is lowered level by level. Letters as in `physics.groove` and
 `physics.inclined_spans`. docs/theory/grooves.md, (W7) to (W11).
 """
 

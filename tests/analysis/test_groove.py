@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from drives import example
 from groove_cases import CASES, STRING, ZONES, grooved_drive
 
 import beltjax as bj
@@ -187,7 +188,7 @@ def test_smooth_pulleys_give_the_contact_of_a_string():
 
 @pytest.mark.slow
 def test_string_of_table_5_1():
-    drive, point = bj.load_drive("examples/two_pulley_table_5_1.toml")
+    drive, point = example("two_pulley_table_5_1")
     belt = dataclasses.replace(
         drive.belt, bending_stiffness=0.0, wedge_angle=0.7, wedge_stiffness=1e6
     )

@@ -180,6 +180,8 @@ def contact_report(
         from beltjax.commands.reports.groove import groove_report
 
         asked = (limit or "slip") if maximum else None
+        if limit is not None and not maximum:
+            raise FileError("--limit", "", "belongs to --maximum; add that, or leave it out")
         if law != "kong":
             raise FileError("--law", "", "belongs to a belt without groove; leave it out")
         return groove_report(path, (drive, point, at), asked, pictures, si)
