@@ -6,16 +6,19 @@ sliding speed eps, which is lowered level by level. Letters as in `physics.groov
 `physics.inclined_spans`. docs/theory/grooves.md, (W7) to (W11).
 """
 
+import functools
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.custom_batching import sequential_vmap
 from jaxtyping import Array, Bool, Float, Int
 
 from beltjax.compiling.batched_loops import in_lanes_of
 from beltjax.numerics.bvp.collocation import Unknowns
-from beltjax.numerics.derivative_rules import frozen_unless
+from beltjax.numerics.derivative_rules import frozen_unless, without_slopes
 from beltjax.numerics.rigid_bodies import Coordinates
 from beltjax.numerics.roots import implicit_solution, solve_dense
 from beltjax.physics.contact import BeltMotion
@@ -44,10 +47,10 @@ from beltjax.physics.inclined_spans import (
 Scalar = Float[Array, ""]
 Pulleys = Float[Array, " n"]
 
-COARSEST = 0.1  # eps of the first level
+COARSEST = 1.0  # eps of the first level
 RATIO = 0.3  # of eps from level to level, at most
-SMALLEST = -0.05  # log of the ratio, above which the way down ends
-MOST_LEVELS = 30
+SMALLEST = -0.12  # log of the ratio, above which the way down ends
+MOST_LEVELS = 24
 MOST_STEPS = 14  # of Newton's method, a level
 NEAR = 1e-3  # a step below it ends a level
 CLOSE = 1e-10  # likewise, of the last one
@@ -370,10 +373,26 @@ def solve(
 
     The square system is differentiated at its root, on a mesh that is held.
     """
-    fixed = jax.lax.stop_gradient
-    held_model, held_task, start = fixed((model, task, start))
+    found, arcs, evidence = _in_turn(elements)(model, task, start)
+    return _with_derivatives(found, arcs, model, task, evidence)
+
+
+@functools.cache
+def _in_turn(elements: int) -> Callable[..., Any]:
+    """`_searched`, which in a batch runs lane by lane.
+
+    Lanes need very different numbers of steps, and the 400 elements of one fill a core's vectors
+    as well as those of many: side by side, all would wait for the slowest at each level.
+    """
+    return without_slopes(sequential_vmap(functools.partial(_searched, elements)))
+
+
+def _searched(
+    elements: int, held_model: GrooveModel, task: GrooveTask, start: GrooveUnknown
+) -> tuple[GrooveUnknown, Arc, tuple[Any, ...]]:
+    """The root, its arcs, and the evidence for it; without derivatives."""
     # The limit of adhesion is at the factor that is given: whoever finds it calls this repeatedly.
-    held_task = held_task._replace(limit=jnp.where(task.limit == 2, 0.0, task.limit))
+    held_task = task._replace(limit=jnp.where(task.limit == 2, 0.0, task.limit))
     eps = jnp.max(held_model.grooves.eps)
     coarse = jnp.maximum(eps, COARSEST)
     count = jnp.maximum(jnp.ceil(jnp.log(coarse / eps) / -np.log(RATIO)), 1.0)
@@ -444,8 +463,7 @@ def solve(
     end = jax.lax.while_loop(unfinished, level, in_lanes_of(start.P, state))
     unknown, arcs, coarser = end.before
     before = _coarser(unknown, arcs, _with_eps(held_model, coarser))
-    evidence = (end.done, end.residual, end.steps, end.eps, before)
-    return _with_derivatives(end.unknown, end.arcs, model, task, evidence)
+    return end.unknown, end.arcs, (end.done, end.residual, end.steps, end.eps, before)
 
 
 def _coarser(unknown: GrooveUnknown, arcs: Arc, model: GrooveModel) -> Coarser:
