@@ -25,6 +25,7 @@ from .analysis.groove import Groove as Groove
 from .analysis.groove import GrooveErrors as GrooveErrors
 from .analysis.groove import GrooveState as GrooveState
 from .analysis.groove import SlipLimit as SlipLimit
+from .analysis.groove import ThinGroove as ThinGroove
 from .analysis.groove import groove_state as groove_state
 from .analysis.linearization import Linearization as Linearization
 from .analysis.linearization import linearize as linearize

@@ -97,6 +97,7 @@ if TYPE_CHECKING:
         groove_not_found: "RESULTS"
         groove_unresolved: "RESULTS"
         friction_blurred: "RESULTS"
+        thin_groove_slides: "RESULTS"
         no_torque_to_scale: "RESULTS"
         no_starting_design: "RESULTS"
         constraints_infeasible: "RESULTS"
@@ -338,6 +339,10 @@ else:
         groove_unresolved = (
             "The belt in a groove is not resolved: the moment of its friction is not that of its "
             "tensions. Give more elements, as `Groove(elements=800)`, or a larger slip_velocity."
+        )
+        thin_groove_slides = (
+            "The belt slides over a whole arc in a groove, where the formulas for a belt that "
+            "sinks in little end. Lower the torques, or take the full model, `Groove()`."
         )
         friction_blurred = (
             "The sliding speed below which friction is taken to be viscous moves the moments by "

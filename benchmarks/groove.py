@@ -174,7 +174,9 @@ def main() -> None:
     rows.append(Row("SciPy, solve_bvp and root", 1, error, None, None, time.perf_counter() - start))
     show("a belt in two grooves", "drive", rows)
     if given.drives:
-        solve, _ = compiled(jax.vmap(lambda k, mu, M: _state(k, mu, M, 400).result), *at_random(given.drives))
+        solve, _ = compiled(
+            jax.vmap(lambda k, mu, M: _state(k, mu, M, 400).result), *at_random(given.drives)
+        )
         found = successes(solve(*at_random(given.drives)))
         print(f"random drives: {np.sum(found)} of {given.drives} solved, the others reported")
 

@@ -32,6 +32,7 @@ from beltjax.physics.contact import BeltMotion
 from beltjax.physics.groove import Flanks
 from beltjax.physics.groove_arc import DEEP, states
 from beltjax.physics.groove_measures import GrooveMeasures, measures
+from beltjax.physics.groove_thin_drive import SolvedThinGrooves, solve_thin, thin_measures
 from beltjax.physics.inclined_spans import Frame, inclined_spans
 from beltjax.results import (
     RESULTS,
@@ -51,6 +52,10 @@ class Groove(eqx.Module):
 
     slip_velocity: Float[Array, ""] = eqx.field(converter=as_real, default=1e-5)
     elements: int = eqx.field(static=True, default=400)
+
+
+class ThinGroove(eqx.Module):
+    """Formulas for a belt that sinks in little, with Coulomb's friction; up to `AdhesionLimit`."""
 
 
 class GrooveErrors(eqx.Module):
@@ -100,7 +105,7 @@ class GrooveState(Readable):
     slip_velocity: Float[Array, ""]  # over the unstretched belt's speed
     order: TravelOrder  # of what is listed, as the belt meets it
     model: physics.GrooveModel  # in the units of `scales`, along the belt's travel
-    solved: physics.SolvedGrooves
+    solved: physics.SolvedGrooves | SolvedThinGrooves
     scales: Scales
     error: Float[Array, ""]  # residual of the equations before the last Newton step: an upper bound
     result: RESULTS
@@ -117,6 +122,8 @@ class GrooveState(Readable):
 
         `s` are fractions of the angle over which the belt touches, from where it comes in.
         """
+        if isinstance(self.solved, SolvedThinGrooves):
+            return self._of_thin(i, s)[0]
         place, y, _ = self._along(i, s)
         radius = jnp.abs(self.model.frame.rho)[place] * self.scales.length
         return jnp.where(self.model.flat[place] > 0, 0.0, DEEP * y[0] * radius)
@@ -127,16 +134,32 @@ class GrooveState(Readable):
         From 0, inwards, over +-90 degrees, along the groove (positive where the belt is faster), to
         +-180 degrees, outwards. 0 on a smooth pulley.
         """
+        if isinstance(self.solved, SolvedThinGrooves):
+            return self._of_thin(i, s)[1]
         place, y, p = self._along(i, s)
         of = jax.tree.map(lambda x: x[place], self.solved.grooves)
         at = states(y, p, of)
         angle = jnp.arctan2(at.v_t, -at.v_g)
         return jnp.where(self.model.flat[place] > 0, 0.0, angle)
 
-    def _along(self, i: int, s: Array) -> tuple[Any, Array, Array]:
+    def _place(self, i: int) -> Array:
         if not 0 <= i < len(self.slip):
             raise IndexError(f"pulley {i} of {len(self.slip)}: pulleys count from 0.")
-        place = self.order.pulleys[i]
+        return self.order.pulleys[i]
+
+    def _of_thin(self, i: int, s: Array) -> tuple[Array, Array]:
+        """Depth [m] and direction: the belt adheres up to where its arc of sliding begins."""
+        place = self._place(i)
+        arc = jax.tree.map(lambda x: x[place], self.solved.arcs)
+        theta = jnp.asarray(s) * self.wraps[i] - (self.wraps[i] - arc.sliding)
+        radius = jnp.abs(self.model.frame.rho)[place] * self.scales.length
+        grooved = self.model.flat[place] == 0
+        depth = radius * jnp.interp(theta, arc.theta, arc.xi)
+        gamma = jnp.interp(theta, arc.theta, arc.gamma)
+        return jnp.where(grooved, depth, 0.0), jnp.where(grooved, gamma, 0.0)
+
+    def _along(self, i: int, s: Array) -> tuple[Any, Array, Array]:
+        place = self._place(i)
         arc = jax.tree.map(lambda x: x[place], self.solved.arcs)
         unit = Interval(jnp.zeros(()), jnp.ones(()))
         s = jnp.asarray(s)
@@ -157,7 +180,7 @@ class AdhesionLimit(eqx.Module):
 def groove_state(
     drive: Drive,
     point: OperatingPoint,
-    method: Groove | None = None,
+    method: Groove | ThinGroove | None = None,
     *,
     throw: bool = True,
 ) -> GrooveState:
@@ -199,7 +222,7 @@ def groove_state(
 def solved_groove(
     drive: Drive,
     point: OperatingPoint,
-    method: Groove | None,
+    method: Groove | ThinGroove | None,
     limit: SlipLimit | AdhesionLimit | None,
     throw: bool,
 ) -> GrooveState:
@@ -212,17 +235,23 @@ def solved_groove(
     return raise_unless_successful(found, found.result, throw)
 
 
-def groove_method(drive: Drive) -> Groove:
+def groove_method(drive: Drive) -> Groove | ThinGroove:
     """The method that the drive itself gives, by [contact] of its file."""
+    if drive.contact.model == "thin":
+        return ThinGroove()
     return Groove(slip_velocity=drive.contact.slip_velocity)
 
 
+def _is_thin(method: Groove | ThinGroove) -> bool:
+    return isinstance(method, ThinGroove)
+
+
 def groove_question(
-    method: Groove, limit: SlipLimit | AdhesionLimit | None
-) -> tuple[Groove, Float[Array, ""], Float[Array, ""], int]:
+    method: Groove | ThinGroove, limit: SlipLimit | AdhesionLimit | None
+) -> tuple[Groove | ThinGroove, Float[Array, ""], Float[Array, ""], int]:
     """Method and limit as `groove_solution` takes them."""
     if isinstance(limit, AdhesionLimit):
-        return method, as_real(2.0), as_real(0.0), ROUNDS
+        return method, as_real(2.0), as_real(0.0), 0 if _is_thin(method) else ROUNDS
     if limit is None:
         return method, as_real(0.0), as_real(0.0), 0
     return method, as_real(1.0), limit.slip, 0
@@ -291,7 +320,7 @@ def _may_wedge(pulley: Pulley) -> bool:
 def groove_solution(
     drive: Drive,
     point: OperatingPoint,
-    method: Groove,
+    method: Groove | ThinGroove,
     limit: Float[Array, ""],
     slip: Float[Array, ""],
     rounds: int,
@@ -310,8 +339,15 @@ def groove_solution(
     fit = good & succeeded(drawable)
     model = groove_model(made, groups, scales, method, fit)
     rested, solved = _solutions(made, groups, scales, model, method, start, limit, slip, rounds)
-    found = measures(solved.unknown, solved.loop, solved.arcs, solved.grooves, model)
-    coarse = jax.lax.stop_gradient(measures(*solved.coarser, model))
+    if isinstance(solved, SolvedThinGrooves):
+        found = thin_measures(solved, model)
+        coarse, ratio = found, jnp.array(2.0)
+        ends = jnp.any((model.flat == 0) & (solved.unknown.turn < solved.arcs.sliding - 1e-6))
+    else:
+        found = measures(solved.unknown, solved.loop, solved.arcs, solved.grooves, model)
+        coarse = jax.lax.stop_gradient(measures(*solved.coarser, model))
+        ratio = solved.coarser.grooves.eps[0] / solved.grooves.eps[0]
+        ends = jnp.array(False)
     strain = jnp.max(solved.loop.stretch) - 1
     moved = layout(drive, solved.unknown.q * groups.units, throw=False)
     level = jnp.abs(model.frame.rho) * jnp.mean(found.P)
@@ -329,9 +365,11 @@ def groove_solution(
         (~succeeded(missing), missing),
         (~succeeded(moved.result), moved.result),
         (strain > LARGEST_STRAIN, RESULTS.belt_overstretched),
+        (ends, RESULTS.thin_groove_slides),
         (jnp.any(flat & (found.zones[:, 1] < -1e-9)), RESULTS.gross_slip),
     )
-    state = _state(made, groups, scales, model, solved, found, coarse, method, result)
+    pair = found, coarse, ratio
+    state = _state(made, groups, scales, model, solved, pair, method, result)
     return frozen_where_failed(differentiated_once(state), missing)
 
 
@@ -358,8 +396,16 @@ def _start(made: Assembly) -> _GrooveStart:
     return _GrooveStart(tension, at, lengths[0], springs_of.relaxed)
 
 
+def _slip_velocity(method: Groove | ThinGroove) -> Float[Array, ""]:
+    return method.slip_velocity if isinstance(method, Groove) else jnp.zeros(())
+
+
 def groove_model(
-    made: Assembly, groups: ContactGroups, scales: Scales, method: Groove, fit: Bool[Array, ""]
+    made: Assembly,
+    groups: ContactGroups,
+    scales: Scales,
+    method: Groove | ThinGroove,
+    fit: Bool[Array, ""],
 ) -> physics.GrooveModel:
     """The groups in the letters of the theory."""
     drive, belt = made.drive, made.drive.belt
@@ -369,7 +415,7 @@ def groove_model(
     angles = [belt.wedge_angle if p.wedge_angle is None else p.wedge_angle for p in drive.pulleys]
     beta = jnp.stack([jnp.asarray(angle) for angle in angles])[order] / 2
     R, one, EA = jnp.abs(groups.radii), jnp.ones(()), groups.stretches[0]
-    eps = method.slip_velocity
+    eps = _slip_velocity(method)
     K = jnp.where(fit, belt.wedge_stiffness * scales.length**2 / scales.tension, 50 / R**2)
     whole = Flanks(R, beta, groups.friction, K, *(jnp.broadcast_to(x, R.shape) for x in (EA, eps)))
     nominal, _ = physics.flat_groove(jax.lax.stop_gradient(R), one, jax.lax.stop_gradient(EA), eps)
@@ -404,12 +450,12 @@ def _solutions(
     groups: ContactGroups,
     scales: Scales,
     model: physics.GrooveModel,
-    method: Groove,
+    method: Groove | ThinGroove,
     start: _GrooveStart,
     limit: Float[Array, ""],
     slip: Float[Array, ""],
     rounds: int,
-) -> tuple[Bool[Array, ""], physics.SolvedGrooves]:
+) -> tuple[Bool[Array, ""], physics.SolvedGrooves | SolvedThinGrooves]:
     """Whether the belt rests, and the running belt."""
     one, zero, units = jnp.ones(()), jnp.zeros(()), groups.units
     at = start.coordinates / units
@@ -430,12 +476,15 @@ def _solutions(
     stacked = jax.tree.map(lambda *x: jnp.stack(x), *stages)
 
     # All tasks use one compiled search in turn: the first finds the belt for the others.
-    def stage(carry: Any, now: Any) -> tuple[Any, physics.SolvedGrooves]:
+    def stage(carry: Any, now: Any) -> tuple[Any, physics.SolvedGrooves | SolvedThinGrooves]:
         kept, bracket = carry
         model, task, runs = now
         kept = jax.tree.map(lambda a, b: jnp.where(runs & rests, a, b), kept, task.held)
         task = task._replace(held=kept, scale=jnp.where(runs, bracket.place, 0.0))
         begin = physics.likely(level, at, task.scale, model)
+        if isinstance(method, ThinGroove):
+            solved = solve_thin(model, task, begin)
+            return (solved.held, bracket), solved
         solved = physics.solve(model, task, begin, method.elements)
         slides = jnp.where(solved.converged, physics.adhering(solved.arcs, model), 1.0)
         after = _narrowed(bracket, jax.lax.stop_gradient(slides))
@@ -492,13 +541,13 @@ def _state(
     groups: ContactGroups,
     scales: Scales,
     model: physics.GrooveModel,
-    solved: physics.SolvedGrooves,
-    found: GrooveMeasures,
-    coarse: GrooveMeasures,
-    method: Groove,
+    solved: physics.SolvedGrooves | SolvedThinGrooves,
+    told_and_coarse: tuple[GrooveMeasures, GrooveMeasures, Array],
+    method: Groove | ThinGroove,
     result: RESULTS,
 ) -> GrooveState:
     """The solution in SI and listed order."""
+    found, coarse, ratio = told_and_coarse
     travel = jax.lax.stop_gradient(made.driven.travel)
     order, force, length = TravelOrder.of(made.loops, travel), scales.tension, scales.length
     speed = length / scales.time
@@ -520,7 +569,6 @@ def _state(
         }
 
     told, before = numbers(found), numbers(coarse)
-    ratio = solved.coarser.grooves.eps[0] / solved.grooves.eps[0]
     share = 1 / jnp.where(ratio > 1, ratio - 1, 1.0)
     errors = {
         key: jax.lax.stop_gradient(jnp.abs(before[key] - value) * share)
@@ -549,7 +597,7 @@ def _state(
         energy_balance=found.energy * power,
         moment_balance=(found.moment * moment)[P],
         regularization=GrooveErrors(**errors),
-        slip_velocity=method.slip_velocity,
+        slip_velocity=_slip_velocity(method),
         order=order,
         model=model,
         solved=solved,

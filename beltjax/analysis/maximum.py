@@ -7,6 +7,7 @@ from beltjax.analysis.groove import (
     Groove,
     GrooveState,
     SlipLimit,
+    ThinGroove,
     solved_groove,
 )
 from beltjax.drive.operation import OperatingPoint
@@ -19,7 +20,7 @@ def maximum_moment(
     *,
     limit: SlipLimit | AdhesionLimit | None = None,
     law: Law = "kong",
-    method: Groove | None = None,
+    method: Groove | ThinGroove | None = None,
     throw: bool = True,
 ) -> ContactState | GrooveState:
     """The state under the largest torques, all scaled by one `torque_factor`.

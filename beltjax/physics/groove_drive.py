@@ -211,10 +211,10 @@ def _flux(V_ref: Scalar, model: GrooveModel) -> Scalar:
     return m0[0] * V_ref**2 if G is None else G * V_ref
 
 
-def _equations(
-    unknown: GrooveUnknown, at: Passed, arcs: Arc, model: GrooveModel, task: GrooveTask
+def equations(
+    unknown: GrooveUnknown, at: Passed, spare: Scalar, model: GrooveModel, task: GrooveTask
 ) -> tuple[Array, GrooveLoop]:
-    """Residuals of order one, and the drive."""
+    """Residuals of order one, and the drive; `spare` vanishes at the limit of adhesion."""
     loop, level = loop_of(unknown, at, model), jnp.mean(unknown.P)
     wanted = model.pull * jnp.exp(unknown.scale)
     balance = (loop.moments / jnp.abs(model.frame.rho) - wanted) / level
@@ -225,7 +225,7 @@ def _equations(
     bodies = body_residuals(unknown.q, force, unknown.P, model.frame)
     bodies = jnp.where(task.resting > 0, unknown.q, bodies)
     worst = jnp.max(jnp.where(model.loaded * (1 - model.driving) > 0, loop.slip, -1.0))
-    limits = [unknown.scale - task.scale, 10 * (worst - task.slip), adhering(arcs, model)]
+    limits = [unknown.scale - task.scale, 10 * (worst - task.slip), spare]
     limit = jnp.stack(limits)[task.limit.astype(int)]
     residuals = jnp.concatenate(
         [
@@ -263,11 +263,13 @@ def slow(eps: Array) -> Array:
     return jnp.maximum(SLOW, 5 * eps)
 
 
-def _packed(unknown: GrooveUnknown) -> Array:
+def packed(unknown: GrooveUnknown) -> Array:
+    """All unknowns in one vector."""
     return jnp.concatenate([jnp.ravel(x) for x in unknown])
 
 
-def _unpacked(x: Array, like: GrooveUnknown) -> GrooveUnknown:
+def unpacked(x: Array, like: GrooveUnknown) -> GrooveUnknown:
+    """The unknowns of a vector, in the shapes of `like`."""
     sizes = [leaf.size for leaf in like]
     parts = jnp.split(x, np.cumsum(sizes)[:-1])
     return GrooveUnknown(*(x.reshape(jnp.shape(of)) for x, of in zip(parts, like, strict=True)))
@@ -285,18 +287,18 @@ def _responding(
         return change, dz
 
     def met(x: Array, at: Passed, z: Unknowns) -> Array:
-        unknown = _unpacked(x, start)
-        mixed = _chosen(model, flat_arc(unknown, model), at)
-        return _equations(unknown, mixed, arcs._replace(z=z), model, task)[0]
+        unknown = unpacked(x, start)
+        mixed = chosen(model, flat_arc(unknown, model), at)
+        return equations(unknown, mixed, adhering(arcs._replace(z=z), model), model, task)[0]
 
     start = unknown
-    x = _packed(unknown)
+    x = packed(unknown)
     at = jax.vmap(passed)(arcs.z, arcs.mesh, model.grooves)
     base, moved = along(jax.tree.map(jnp.negative, steps.base))
     value, shift = jax.jvp(lambda at, z: met(x, at, z), (at, arcs.z), (base, moved))
 
     def column(row: Array) -> Array:
-        _, ends = jax.jvp(lambda x: ends_of(_unpacked(x, start), model), (x,), (row,))
+        _, ends = jax.jvp(lambda x: ends_of(unpacked(x, start), model), (x,), (row,))
         dz = jax.tree.map(
             lambda r: jnp.einsum("kn,nk...->n...", jnp.stack(ends), r), steps.response
         )
@@ -312,7 +314,7 @@ def _newton(state: _GrooveSearch, model: GrooveModel, task: GrooveTask) -> _Groo
     steps = jax.vmap(arc_step)(arcs, model.grooves, ends_of(unknown, model))
     value, slopes = _responding(unknown, arcs, steps, model, task)
     move = -solve_dense(slopes, value)
-    _, ends = jax.jvp(lambda x: ends_of(_unpacked(x, unknown), model), (_packed(unknown),), (move,))
+    _, ends = jax.jvp(lambda x: ends_of(unpacked(x, unknown), model), (packed(unknown),), (move,))
     flat = model.flat > 0
 
     def changed(base: Array, response: Array) -> Array:
@@ -321,7 +323,7 @@ def _newton(state: _GrooveSearch, model: GrooveModel, task: GrooveTask) -> _Groo
         return jnp.where(flat.reshape(-1, *(1,) * (whole.ndim - 1)), 0.0, whole)
 
     dz = jax.tree.map(changed, steps.base, steps.response)
-    d = _unpacked(move, unknown)
+    d = unpacked(move, unknown)
     size = _size(d, dz, unknown, arcs)
     # Steps that hardly become shorter jump across the turn of the friction: half of one does not.
     slower = (size > (1 - 0.5 * state.part) * state.size) & (size > 1e-3)
@@ -407,7 +409,9 @@ def _searched(
     def level(at: _GrooveLevel) -> _GrooveLevel:
         last = at.eps <= eps * (1 + 1e-9)  # nothing is left but to solve on a mesh of its own
         begun = at.eps > coarse
-        aim = jnp.where(begun, coarse, jnp.maximum(eps, at.eps * jnp.exp(at.step)))
+        # A belt that hardly feels friction may sink in too deep: then one that feels more.
+        start_at = jnp.where(at.tries == 0, coarse, jnp.maximum(eps, coarse / 10))
+        aim = jnp.where(begun, start_at, jnp.maximum(eps, at.eps * jnp.exp(at.step)))
         aim = jnp.where(aim < eps * (1 + 1e-6), eps, aim)
         now, close = _with_eps(held_model, aim), jnp.where(last, CLOSE, NEAR)
         most = jnp.where(begun, 2 * MOST_STEPS, MOST_STEPS)
@@ -432,7 +436,8 @@ def _searched(
         kept = jax.tree.map(
             lambda a, b: jnp.where(fine & ~last & ~begun, a, b), before[:3], at.before
         )
-        halved = jnp.where(last | begun, 0.0, at.step / 2)
+        halved = jnp.where(begun & (at.tries == 0), at.step, at.step / 2)
+        halved = jnp.where(last | (begun & (at.tries > 0)), 0.0, halved)
         return _GrooveLevel(
             unknown=unknown,
             arcs=arcs,
@@ -468,11 +473,12 @@ def _searched(
 
 def _coarser(unknown: GrooveUnknown, arcs: Arc, model: GrooveModel) -> Coarser:
     at = jax.vmap(passed)(arcs.z, arcs.mesh, model.grooves)
-    at = _chosen(model, flat_arc(unknown, model), at)
+    at = chosen(model, flat_arc(unknown, model), at)
     return Coarser(unknown, loop_of(unknown, at, model), arcs, model.grooves)
 
 
-def _chosen(model: GrooveModel, flat: Passed, grooved: Passed) -> Passed:
+def chosen(model: GrooveModel, flat: Passed, grooved: Passed) -> Passed:
+    """What flat and grooved pulleys pass on."""
     return jax.tree.map(lambda a, b: jnp.where(model.flat > 0, a, b), flat, grooved)
 
 
@@ -483,17 +489,17 @@ def _with_derivatives(
 
     def function(x: Array, args: tuple[GrooveModel, GrooveTask, Arc]) -> tuple[Array, Any]:
         model, task, arcs = args
-        unknown = _unpacked(x, found)
+        unknown = unpacked(x, found)
         ends = ends_of(unknown, model)
         z = jax.vmap(solved_arc)((model.grooves, ends), arcs)
         at = jax.vmap(passed)(z, arcs.mesh, model.grooves)
-        at = _chosen(model, flat_arc(unknown, model), at)
-        value, loop = _equations(unknown, at, arcs._replace(z=z), model, task)
+        at = chosen(model, flat_arc(unknown, model), at)
+        value, loop = equations(unknown, at, adhering(arcs._replace(z=z), model), model, task)
         return value, (loop, z, ends)
 
     args = (*frozen_unless(good, (model, task)), jax.lax.stop_gradient(arcs))
-    root, (loop, z, ends) = implicit_solution(function, args, _packed(found))
-    unknown = _unpacked(root, found)
+    root, (loop, z, ends) = implicit_solution(function, args, packed(found))
+    unknown = unpacked(root, found)
     relaxed = jnp.where(task.resting > 0, model.frame.K @ unknown.q - loop.push, task.held.relaxed)
     length = jnp.where(task.resting > 0, loop.length, task.held.L0)
     return SolvedGrooves(

@@ -45,21 +45,33 @@ def measures(
     unknown: GrooveUnknown, loop: GrooveLoop, arcs: Arc, grooves: Flanks, model: GrooveModel
 ) -> GrooveMeasures:
     """The numbers of a drive."""
+    along = jax.vmap(integrals)(arcs.z, arcs.mesh, grooves)
+    of_arcs = along.loss, along.moment, jax.vmap(deepest)(arcs), jax.vmap(arc_zones)(arcs, grooves)
+    return told(unknown, loop, model, of_arcs)
+
+
+def told(
+    unknown: GrooveUnknown,
+    loop: GrooveLoop,
+    model: GrooveModel,
+    of_arcs: tuple[Pulleys, Pulleys, Pulleys, Float[Array, "n 4"]],
+) -> GrooveMeasures:
+    """The numbers of a drive, from losses, moments of friction, depths and zones in its grooves."""
+    own_loss, own_moment, depths, own_zones = of_arcs
     EA, g, P = model.EA, unknown.g, unknown.P
     before, R, flat = model.frame.loops.preceding(P), jnp.abs(model.frame.rho), model.flat > 0
-    along = jax.vmap(integrals)(arcs.z, arcs.mesh, grooves)
     creep = (P - before) ** 2 / (2 * (EA - g))
-    loss, turning = jnp.where(flat, creep, along.loss), loop.at.om / R
+    loss, turning = jnp.where(flat, creep, own_loss), loop.at.om / R
     power = loop.moments * turning
     given = -model.driving @ power
     taken = (1 - model.driving) @ power
     wraps = unknown.turn + loop.at.chi_out - loop.at.chi_in
     none = given == 0
     missing = given - taken - jnp.sum(loss)
-    apart = along.moment - loop.moments
+    apart = own_moment - loop.moments
     slipping = _flat_slip(P, before, model)
     smooth = jnp.stack([0 * wraps, wraps - slipping, slipping, 0 * wraps], axis=-1)
-    zones = jnp.where(flat[:, None], smooth, jax.vmap(arc_zones)(arcs, grooves))
+    zones = jnp.where(flat[:, None], smooth, own_zones)
     return GrooveMeasures(
         P=P,
         T=P + g * loop.stretch,
@@ -70,7 +82,7 @@ def measures(
         slip=loop.slip,
         wraps=wraps,
         chi=jnp.stack([loop.at.chi_in, loop.at.chi_out], axis=-1),
-        deepest=jnp.where(flat, 0.0, jax.vmap(deepest)(arcs)),
+        deepest=jnp.where(flat, 0.0, depths),
         zones=zones,
         given=given,
         taken=taken,

@@ -170,6 +170,51 @@ def test_reverse_derivatives_are_forward_ones(forward):
     assert float(reverse @ WAY) == pytest.approx(float(slopes @ weights), rel=1e-9)
 
 
+THIN = bj.ThinGroove()
+
+
+def test_formulas_approach_the_full_model_as_the_wedge_stiffens():
+    errors = []
+    for name in ("A3", "A7"):  # of which the second has a wedge five times as stiff
+        drive, point = grooved_drive(name)
+        thin, full = bj.groove_state(drive, point, THIN), CASES[name]["eps"]["1e-05"]
+        speeds = np.asarray(thin.solved.loop.at.om)
+        errors.append(np.abs(speeds - full["om"]).max())
+        assert float(thin.slip[1]) == pytest.approx(full["slip"][1], rel=0.02)
+        assert float(thin.efficiency) == pytest.approx(full["eff"], abs=2e-3)
+        assert abs(thin.energy_balance) <= 1e-9
+        assert np.asarray(thin.penetration(1, 1.0)) == pytest.approx(float(thin.penetrations[1]))
+    # Of the order (x/R)^2, a twenty-fifth.
+    assert errors[1] < errors[0] / 10
+
+
+def test_formulas_end_where_adhesion_does():
+    drive, point = grooved_drive("A3")
+    edge = bj.maximum_moment(drive, point, limit=bj.AdhesionLimit(), method=THIN)
+    turn = np.asarray(edge.solved.unknown.turn - edge.solved.arcs.sliding)
+    assert turn.min() == pytest.approx(0.0, abs=1e-9)
+    moment = float(edge.moments[1])
+    beyond = grooved_drive("A3", moment=1.05 * moment)
+    assert bj.groove_state(*beyond, THIN, throw=False).result == bj.RESULTS.thin_groove_slides
+    within = grooved_drive("A3", moment=0.95 * moment)
+    assert bj.groove_state(*within, THIN, throw=False).feasible
+
+
+def test_formulas_have_derivatives_both_ways():
+    def found(by):
+        drive, point = grooved_drive("A9")
+        state = bj.groove_state(moved(drive, by), point, THIN, throw=False)
+        return jnp.stack([state.efficiency, state.slip[1], state.loss[0], state.zones[1, 2]])
+
+    value, slopes = bj.quick_jit(lambda at: jax.jvp(found, (at,), (WAY,)))(AT)
+    run = bj.quick_jit(found)
+    difference = np.asarray(run(AT + 1e-5 * WAY) - run(AT - 1e-5 * WAY)) / 2e-5
+    assert np.asarray(slopes) == pytest.approx(difference, rel=1e-6, abs=1e-9)
+    reverse = bj.quick_jit(jax.grad(lambda at: jnp.sum(found(at))))(AT)
+    assert float(reverse @ WAY) == pytest.approx(float(jnp.sum(slopes)), rel=1e-9)
+    assert np.asarray(value) == pytest.approx(np.asarray(run(AT)))
+
+
 def without_grooves(drive):
     smooth = tuple(dataclasses.replace(pulley, wedged=0.0) for pulley in drive.pulleys)
     return dataclasses.replace(drive, pulleys=smooth)
