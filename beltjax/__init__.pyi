@@ -20,13 +20,13 @@ from .analysis.friction_laws import StribeckFriction as StribeckFriction
 from .analysis.friction_oscillator import FrictionCycle as FrictionCycle
 from .analysis.friction_oscillator import FrictionOscillator as FrictionOscillator
 from .analysis.friction_oscillator import friction_oscillator as friction_oscillator
-from .analysis.groove import AdhesionLimit as AdhesionLimit
-from .analysis.groove import Groove as Groove
 from .analysis.groove import GrooveErrors as GrooveErrors
 from .analysis.groove import GrooveState as GrooveState
-from .analysis.groove import SlipLimit as SlipLimit
-from .analysis.groove import ThinGroove as ThinGroove
 from .analysis.groove import groove_state as groove_state
+from .analysis.groove_methods import AdhesionLimit as AdhesionLimit
+from .analysis.groove_methods import Groove as Groove
+from .analysis.groove_methods import SlipLimit as SlipLimit
+from .analysis.groove_methods import ThinGroove as ThinGroove
 from .analysis.linearization import Linearization as Linearization
 from .analysis.linearization import linearize as linearize
 from .analysis.maximum import maximum_moment as maximum_moment

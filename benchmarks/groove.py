@@ -28,7 +28,8 @@ from scipy.optimize import root  # noqa: E402
 from timing import Row, best_time, compiled, show  # noqa: E402
 
 import beltjax as bj  # noqa: E402
-from beltjax.analysis.groove import groove_question, groove_solution  # noqa: E402
+from beltjax.analysis.groove import groove_solution
+from beltjax.analysis.groove_methods import groove_question  # noqa: E402
 from beltjax.drive.canonical import canonical  # noqa: E402
 from beltjax.results import successes  # noqa: E402
 

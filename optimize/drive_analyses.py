@@ -9,7 +9,8 @@ from jaxtyping import Array, Bool, Float
 
 from beltjax.analysis.contact import ContactState, contact_state, maximum_moment
 from beltjax.analysis.damping import Damping
-from beltjax.analysis.groove import GrooveState, groove_method, groove_state
+from beltjax.analysis.groove import GrooveState, groove_state
+from beltjax.analysis.groove_methods import groove_method
 from beltjax.analysis.linearization import Linearization, linearize
 from beltjax.analysis.modes import Modes, modes
 from beltjax.analysis.motion import driver_speed

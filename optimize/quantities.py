@@ -18,7 +18,7 @@ from typing import Literal, NamedTuple, TypeVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from beltjax.analysis.groove import unmet_groove
+from beltjax.analysis.groove_methods import unmet_groove
 from beltjax.analysis.linearization import has_inertias
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive

@@ -2,14 +2,8 @@
 
 from beltjax.analysis.contact import ContactState, Law
 from beltjax.analysis.contact import maximum_moment as maximum_contact_moment
-from beltjax.analysis.groove import (
-    AdhesionLimit,
-    Groove,
-    GrooveState,
-    SlipLimit,
-    ThinGroove,
-    solved_groove,
-)
+from beltjax.analysis.groove import GrooveState, solved_groove
+from beltjax.analysis.groove_methods import AdhesionLimit, Groove, SlipLimit, ThinGroove
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
 

@@ -64,7 +64,7 @@ def test_tension_given_is_that_of_the_belt_turned_slowly(name):
 @pytest.fixture(scope="module")
 def loaded():
     drive, point = grooved_drive("A9", moment=2.0)
-    return bj.groove_state(drive, point, FEW)
+    return bj.groove_state(drive, point)
 
 
 def test_energy_and_moments_balance(loaded):
@@ -151,6 +151,7 @@ def forward():
     return bj.quick_jit(lambda at: jax.jvp(numbers_at, (at,), (WAY,)))
 
 
+@pytest.mark.slow
 def test_derivatives_are_those_of_differences(forward):
     _, slopes = forward(AT)
     above, below = (forward(AT + h * WAY)[0] for h in (1e-5, -1e-5))
@@ -178,14 +179,13 @@ def test_formulas_approach_the_full_model_as_the_wedge_stiffens():
     for name in ("A3", "A7"):  # of which the second has a wedge five times as stiff
         drive, point = grooved_drive(name)
         thin, full = bj.groove_state(drive, point, THIN), CASES[name]["eps"]["1e-05"]
-        speeds = np.asarray(thin.solved.loop.at.om)
-        errors.append(np.abs(speeds - full["om"]).max())
+        errors.append(abs(float(thin.slip[1]) - full["slip"][1]))
         assert float(thin.slip[1]) == pytest.approx(full["slip"][1], rel=0.02)
         assert float(thin.efficiency) == pytest.approx(full["eff"], abs=2e-3)
         assert abs(thin.energy_balance) <= 1e-9
         assert np.asarray(thin.penetration(1, 1.0)) == pytest.approx(float(thin.penetrations[1]))
     # Of the order (x/R)^2, a twenty-fifth.
-    assert errors[1] < errors[0] / 10
+    assert errors[1] < errors[0] / 25
 
 
 def test_formulas_end_where_adhesion_does():
@@ -200,6 +200,7 @@ def test_formulas_end_where_adhesion_does():
     assert bj.groove_state(*within, THIN, throw=False).feasible
 
 
+@pytest.mark.slow
 def test_formulas_have_derivatives_both_ways():
     def found(by):
         drive, point = grooved_drive("A9")

@@ -9,13 +9,12 @@ from rich.console import Group
 from rich.markup import escape
 from rich.table import Table
 
-from beltjax.analysis.groove import (
+from beltjax.analysis.groove import GrooveState, groove_solution
+from beltjax.analysis.groove_methods import (
     AdhesionLimit,
-    GrooveState,
     SlipLimit,
     groove_method,
     groove_question,
-    groove_solution,
     unmet_groove,
 )
 from beltjax.commands.reports.arguments import titled
