@@ -242,9 +242,8 @@ def groove_solution(
     groups, scales = contact_groups(made, point, taken, base)
     fit = good & succeeded(drawable)
     model = groove_model(made, groups, scales, method, fit)
-    rested, solved = groove_solutions(
-        made, groups, scales, model, method, start, limit, slip, rounds
-    )
+    asked = limit, slip, rounds
+    rested, solved = groove_solutions(made, groups, scales, model, method, start, asked)
     if isinstance(solved, SolvedThinGrooves):
         found = thin_measures(solved, model)
         coarse, ratio = found, jnp.array(2.0)

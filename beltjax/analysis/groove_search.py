@@ -30,6 +30,8 @@ def slip_velocity(method: Groove | ThinGroove) -> Float[Array, ""]:
 
 
 class GrooveStart(NamedTuple):
+    """What the installation gives, and where a search begins."""
+
     tension: Float[Array, ""]  # [N]
     coordinates: Float[Array, " coordinates"]  # from the drawn positions [rad] or [m]
     length: Float[Array, ""]  # of the unstretched belt [m]; 1 where the tension gives it
@@ -104,11 +106,10 @@ def groove_solutions(
     model: physics.GrooveModel,
     method: Groove | ThinGroove,
     start: GrooveStart,
-    limit: Float[Array, ""],
-    slip: Float[Array, ""],
-    rounds: int,
+    asked: tuple[Float[Array, ""], Float[Array, ""], int],
 ) -> tuple[Bool[Array, ""], physics.SolvedGrooves | SolvedThinGrooves]:
     """Whether the belt rests, and the running belt."""
+    limit, slip, rounds = asked
     one, zero, units = jnp.ones(()), jnp.zeros(()), groups.units
     at = start.coordinates / units
     relaxed = start.relaxed * units / scales.energy
