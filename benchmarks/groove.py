@@ -64,6 +64,7 @@ class Peer:
 
     def __init__(self):
         self.kept = {}
+        self.given = 0.0  # efficiency
 
     def arc(self, place, P_in, P_out, turn):
         """Angles at both ends, speed and unstretched length of one arc."""
@@ -178,6 +179,12 @@ def main() -> None:
     start = time.perf_counter()
     error = abs(Peer().efficiency(8.0) - STORED["eff"])
     rows.append(Row("SciPy, solve_bvp and root", 1, error, None, None, time.perf_counter() - start))
+    peer = Peer()
+    start = time.perf_counter()
+    for _ in range(1 + 2 * len(at)):  # central differences
+        peer.efficiency(8.0)
+    name = "SciPy, gradients by differences"
+    rows.insert(3, Row(name, 1, error, None, None, time.perf_counter() - start))
     show("a belt in two grooves", "drive", rows)
     if given.drives:
         solve, _ = compiled(

@@ -70,6 +70,7 @@ def groove_model(
     beta = jnp.stack([jnp.asarray(angle) for angle in angles])[order] / 2
     R, one, EA = jnp.abs(groups.radii), jnp.ones(()), groups.stretches[0]
     eps = slip_velocity(method)
+    assert belt.wedge_stiffness is not None  # as `unmet_groove` holds
     K = jnp.where(fit, belt.wedge_stiffness * scales.length**2 / scales.tension, 50 / R**2)
     whole = Flanks(R, beta, groups.friction, K, *(jnp.broadcast_to(x, R.shape) for x in (EA, eps)))
     nominal, _ = physics.flat_groove(jax.lax.stop_gradient(R), one, jax.lax.stop_gradient(EA), eps)

@@ -1,5 +1,6 @@
 """Pictures of a belt in grooves: how deep it lies, and where friction points, along each arc."""
 
+import jax.numpy as jnp
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -57,7 +58,9 @@ def _draw_zones(axes: Axes, state: GrooveState, i: int) -> None:
 def _draw_depth(axes: Axes, state: GrooveState, i: int) -> None:
     s = np.linspace(0.0, 1.0, POINTS)
     angle = s * np.degrees(float(state.wraps[i]))
-    axes.plot(angle, 1e3 * np.asarray(state.penetration(i, s)), color=AFTER, linewidth=1.8)
+    axes.plot(
+        angle, 1e3 * np.asarray(state.penetration(i, jnp.asarray(s))), color=AFTER, linewidth=1.8
+    )
     axes.set_ylim(bottom=0.0)
     axes.grid(linewidth=0.3)
 
@@ -66,7 +69,7 @@ def _draw_friction(axes: Axes, state: GrooveState, i: int) -> None:
     """Arrows of one length against the sliding: to the right along the travel, up outwards."""
     s = (np.arange(ARROWS) + 0.5) / ARROWS
     angle = s * np.degrees(float(state.wraps[i]))
-    slides = np.asarray(state.sliding_angle(i, s))
+    slides = np.asarray(state.sliding_angle(i, jnp.asarray(s)))
     # The belt slides by sin along the travel and by -cos outwards; friction is against that.
     axes.quiver(
         angle, 0 * angle, -np.sin(slides), np.cos(slides), color=AFTER, scale=ARROWS / 1.6,

@@ -174,6 +174,100 @@ def test_reverse_derivatives_are_forward_ones(forward):
 THIN = bj.ThinGroove()
 
 
+def drive_with_arm():
+    """The three pulleys with their arm, a belt that wedges and a torque."""
+    drive, point = example("three_pulley")
+    belt = dataclasses.replace(
+        drive.belt, bending_stiffness=0.0, wedge_angle=0.7, wedge_stiffness=2e7
+    )
+    pulleys = tuple(dataclasses.replace(pulley, friction=0.35) for pulley in drive.pulleys)
+    drive = dataclasses.replace(drive, belts=(belt,), pulleys=pulleys)
+    return drive, dataclasses.replace(point, torque={"accessory": 4.0})
+
+
+@pytest.mark.parametrize(
+    "method", [THIN, pytest.param(bj.Groove(elements=200), marks=pytest.mark.slow)]
+)
+def test_arm_stands_where_belt_and_spring_balance(method):
+    drive, point = drive_with_arm()
+    state = bj.groove_state(drive, point, method)
+    k, turned = drive.pulley("tensioner"), float(state.coordinates[0])
+    assert 0.01 < abs(turned) < 0.1
+    spans = state.solved.loop.spans
+    along = np.stack([spans.along_x, spans.along_y], axis=-1)[np.asarray(state.order.spans)]
+    momentum = np.asarray(state.mass_flow * state.span_speeds)
+    pulls = (np.asarray(state.tensions) - momentum)[:, None] * along
+    at = bj.layout(drive, turned)
+    arm = np.asarray(at.centers[k] - drive.tensioners[0].pivot)
+    force = pulls[k] - pulls[k - 1]
+    of_belt = arm[0] * force[1] - arm[1] * force[0]
+    relaxed = float(state.solved.held.relaxed[0] * state.scales.energy)
+    spring = float(drive.tensioners[0].stiffness) * turned - relaxed
+    assert of_belt == pytest.approx(spring, rel=1e-9)
+    # The belt and spring that were installed by tension give the same state.
+    free = float(bj.layout(drive).arm_angle) + relaxed / float(drive.tensioners[0].stiffness)
+    given = bj.BeltGiven(belt_length=state.unstretched_length, free_angle=free)
+    again = bj.groove_state(dataclasses.replace(drive, installation=given), point, method)
+    assert np.asarray(again.tensions) == pytest.approx(np.asarray(state.tensions), rel=1e-8)
+
+
+@pytest.mark.parametrize("method", [THIN, pytest.param(FEW, marks=pytest.mark.slow)])
+def test_bad_lane_of_a_batch_leaves_its_neighbors_alone(method):
+    drive, point = grooved_drive("A9")
+
+    def found(stiffness):
+        belt = dataclasses.replace(drive.belt, wedge_stiffness=stiffness)
+        state = bj.groove_state(
+            dataclasses.replace(drive, belts=(belt,)), point, method, throw=False
+        )
+        return state.efficiency, state.result
+
+    values = jnp.array([6e6, jnp.nan, 8e6, -1.0])
+    (efficiency, result), slopes = bj.quick_jit(
+        jax.vmap(lambda k: (found(k), jax.grad(lambda x: found(x)[0])(k)))
+    )(values)
+    assert list(np.asarray(result == bj.RESULTS.successful)) == [True, False, True, False]
+    assert list(np.asarray(result == bj.RESULTS.numbers_unusable)) == [False, True, False, True]
+    assert np.all(np.isfinite(np.asarray(efficiency)))
+    assert list(np.asarray(slopes)[[1, 3]]) == [0.0, 0.0]
+    alone = bj.quick_jit(jax.value_and_grad(lambda k: found(k)[0]))
+    for lane in (0, 2):
+        value, slope = alone(values[lane])
+        assert float(efficiency[lane]) == pytest.approx(float(value), rel=1e-10)
+        assert float(slopes[lane]) == pytest.approx(float(slope), rel=1e-6)
+
+
+def test_torque_beyond_friction_is_reported():
+    beyond = grooved_drive("A3", moment=40.0)
+    state = bj.groove_state(*beyond, throw=False)
+    assert state.result == bj.RESULTS.groove_not_found
+    assert np.isfinite(float(state.efficiency))
+    with pytest.raises(bj.AnalysisError, match="more than friction"):
+        bj.groove_state(*beyond)
+
+
+@pytest.mark.slow
+def test_random_drives_are_solved_or_reported():
+    random = np.random.default_rng(4)
+    solved = 0
+    for _ in range(20):
+        drive, point = grooved_drive("A3", by="tension", moment=random.uniform(0.0, 12.0))
+        numbers = {"wedge_stiffness": 10 ** random.uniform(6.3, 8.5)}
+        belt = dataclasses.replace(drive.belt, **numbers)
+        friction = random.uniform(0.12, 0.45)
+        pulleys = tuple(dataclasses.replace(one, friction=friction) for one in drive.pulleys)
+        drive = dataclasses.replace(drive, belts=(belt,), pulleys=pulleys)
+        state = bj.groove_state(drive, point, bj.Groove(elements=300), throw=False)
+        if state.feasible:
+            solved += 1
+            level = 300 * 0.05
+            assert np.abs(np.asarray(state.moment_balance)).max() < 1e-7 * level
+        else:
+            reported = bj.RESULTS.groove_not_found, bj.RESULTS.groove_unresolved
+            assert any(bool(state.result == one) for one in reported)
+    assert solved >= 15
+
+
 def test_formulas_approach_the_full_model_as_the_wedge_stiffens():
     errors = []
     for name in ("A3", "A7"):  # of which the second has a wedge five times as stiff

@@ -4,6 +4,7 @@ import os
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from rich.console import Group
 from rich.markup import escape
@@ -228,7 +229,7 @@ def _inclinations(drive: Drive, state: GrooveState) -> np.ndarray:
     """Directions of the spans from the lines of centers, positive outwards [rad]."""
     spans, loops = state.solved.loop.spans, drive.loops
     x, y = (np.asarray(c)[np.asarray(state.order.pulleys)] for c in (spans.there.x, spans.there.y))
-    across, up = (np.asarray(loops.following(c)) - c for c in (x, y))
+    across, up = (np.asarray(loops.following(jnp.asarray(c))) - c for c in (x, y))
     along_x, along_y = (
         np.asarray(c)[np.asarray(state.order.spans)] for c in (spans.along_x, spans.along_y)
     )
