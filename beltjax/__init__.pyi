@@ -6,6 +6,12 @@ from .analysis.contact import contact_state as contact_state
 from .analysis.contact_path import BeltPiece as BeltPiece
 from .analysis.contact_path import belt_pieces as belt_pieces
 from .analysis.contact_path import span_deflection as span_deflection
+from .analysis.cushion import Cushion as Cushion
+from .analysis.cushion import CushionState as CushionState
+from .analysis.cushion import ThinCushion as ThinCushion
+from .analysis.cushion import cushion_state as cushion_state
+from .analysis.cushion_vibration import CushionLinearization as CushionLinearization
+from .analysis.cushion_vibration import CushionModes as CushionModes
 from .analysis.damping import Damping as Damping
 from .analysis.driver_motion import CrankSignal as CrankSignal
 from .analysis.duties import duty_states as duty_states

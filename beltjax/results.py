@@ -98,6 +98,8 @@ if TYPE_CHECKING:
         groove_unresolved: "RESULTS"
         friction_blurred: "RESULTS"
         thin_groove_slides: "RESULTS"
+        cushion_too_soft: "RESULTS"
+        cushion_state_not_found: "RESULTS"
         no_torque_to_scale: "RESULTS"
         no_starting_design: "RESULTS"
         constraints_infeasible: "RESULTS"
@@ -326,6 +328,17 @@ else:
         gross_slip = (
             "A pulley slips over its whole arc of contact: `adhesions` shows which. Lower the "
             "torques, raise the tension, or give that pulley more wrap or friction."
+        )
+        cushion_too_soft = (
+            "The belt sinks through its cushion: the pull on a pulley of radius R is above half of "
+            "belt.cushion_radial R^2, where the layer is no longer thin. Raise belt.cushion_radial "
+            "or the radii, or lower the tension."
+        )
+        cushion_state_not_found = (
+            "No state of the belt on its cushion was found. The torques may be more than friction "
+            "holds, the speed too high for the tension, or a pulley may lose contact: lower the "
+            "torques or the speed, raise the tension, or give the pulleys more wrap. For a layer "
+            "much harder than 1e8 N/m^2 take ThinCushion()."
         )
         contact_not_found = (
             "No shape of the belt was found that touches the pulleys. Look for a number far out "

@@ -92,7 +92,7 @@ def drive_cases(name: str) -> dict[str, Case]:
 
 
 def other_cases() -> dict[str, Case]:
-    """A boundary value problem, and one evaluation of a study."""
+    """A boundary value problem, one evaluation of a study, and a belt on a cushion."""
     study = bj.optimize.load_study(EXAMPLES / "three_pulley_study.toml")
     scales = problem.starting_points(study).scales
 
@@ -109,10 +109,16 @@ def other_cases() -> dict[str, Case]:
         at = problem.evaluation(study.canonical, scales, x)
         return jnp.append(jnp.where(jnp.isfinite(at.constraints), at.constraints, 0), at.objective)
 
+    soft = canonical(*bj.load_drive(EXAMPLES / "three_pulley_cushion.toml"))
+
+    def on_cushion(drive, point):
+        return jnp.sum(bj.cushion_state(drive, point, throw=False).coupling)
+
     middle = jnp.full(len(study.variables.names), 0.4)
     return {
         "solve_bvp": Case(bratu, (jnp.asarray(1.0),), jax.value_and_grad),
         "evaluation of a study": Case(evaluated, (middle,), _with_jacobian),
+        "cushion_state, three pulleys": Case(on_cushion, soft, _by_all),
     }
 
 
@@ -176,6 +182,9 @@ def main() -> None:
     cases = drive_cases(given.drive)
     if not given.functions or any(name not in cases for name in given.functions):
         cases |= other_cases()
+    unknown = [name for name in given.functions if name not in cases]
+    if unknown:
+        parser.error(f"found {', '.join(unknown)}; give some of {', '.join(cases)}")
     rows = []
     for name in given.functions or cases:
         case = cases[name]

@@ -21,6 +21,7 @@ ROOT = Path(__file__).parents[1]
 BLOCKS = {
     "bvp": 4,
     "contact": 5,
+    "cushion": 1,
     "derivatives": 7,
     "documents": 1,
     "drive_file": 1,

@@ -1,6 +1,5 @@
 """Contact mechanics: where the belt touches, adheres and slips (chapter 5)."""
 
-import dataclasses
 from typing import NamedTuple
 
 import jax
@@ -8,8 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from beltjax.analysis.installed import free_positions, held, held_by_tensions, installed_by_tension
+from beltjax.analysis.installed import free_positions, held, installed_by_tension
 from beltjax.analysis.reference import LARGEST_STRAIN, resting
+from beltjax.analysis.string_belts import belts_of_the_string, each_or_single
 from beltjax.compiling.batched_loops import in_lanes_of
 from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.assembly import Assembly, assembled
@@ -253,7 +253,7 @@ def contact_solution(
     drawable = drawn.result
     drive, point = harmless(drive, point, succeeded(drawable))
     # The layout is at hand: that of the assembly would be compiled once more.
-    made = _with_belts_of_the_string(assembled(drive, point)._replace(drawn=drawn))
+    made = belts_of_the_string(assembled(drive, point)._replace(drawn=drawn))
     drive, start = made.drive, _installed(made)
     base = start.tensions[0]
     taken, scalable = scaled_torques(made, base, maximum)
@@ -303,25 +303,6 @@ class _Start(NamedTuple):
     relaxed: Float[Array, " coordinates"]  # force of the springs at the drawn positions
     installed: Float[Array, " coordinates"]  # of the string at rest without torques
     result: RESULTS  # of the string
-
-
-def _with_belts_of_the_string(made: Assembly) -> Assembly:
-    """`made`; where its tensions are those of strings, with the belts and springs they give."""
-    rule = made.rule
-    if isinstance(rule, Preloaded):
-        string = installed_by_tension(made).held
-    elif isinstance(rule, TensionGiven) and rule.tension_of == "string":
-        tensions = made.loops.spread(jnp.broadcast_to(rule.tension, made.EA.shape))
-        string = held_by_tensions(made, made.drawn, tensions, made.still)
-    else:
-        return made
-    free = string.free if len(string.free) else None
-    given = BeltGiven(_each_or_single(string.lengths), free=free)
-    return made._replace(drive=dataclasses.replace(made.drive, installation=given))
-
-
-def _each_or_single(of_belts: Float[Array, " belts"]) -> Float[Array, "*belts"]:
-    return of_belts if len(of_belts) > 1 else of_belts[0]
 
 
 def _installed(made: Assembly) -> _Start:
@@ -499,9 +480,9 @@ def _state(
         tensions=T * force,
         speeds=V[:, ::2] * unit_of_speed,
         angles=outward[:, ::2],
-        unstretched_length=_each_or_single(solved.held.L0 * length),
-        unstretched_speed=_each_or_single(loop.V_ref[model.loops.starts] * unit_of_speed),
-        mass_flow=_each_or_single(physics.mass_flow(loop, model) * force / unit_of_speed),
+        unstretched_length=each_or_single(solved.held.L0 * length),
+        unstretched_speed=each_or_single(loop.V_ref[model.loops.starts] * unit_of_speed),
+        mass_flow=each_or_single(physics.mass_flow(loop, model) * force / unit_of_speed),
         efficiency=physics.efficiency(loop, model),
         driver_moment=jnp.abs(made.driven.driving @ taken),
         torque_factor=factor,

@@ -1,9 +1,13 @@
 """Linearization of a drive about its steady state: mass, gyroscopic and stiffness matrices."""
 
+from typing import overload
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from beltjax.analysis.cushion import CushionState
+from beltjax.analysis.cushion_vibration import CushionLinearization, linearize_cushion
 from beltjax.analysis.steady import SteadyState
 from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.canonical import strongly_typed
@@ -89,6 +93,7 @@ class Linearization(eqx.Module):
         return self.basis.values(x, order) @ fields[i] + lift
 
 
+@overload
 def linearize(
     steady: SteadyState,
     basis: AbstractBasis | None = None,
@@ -97,17 +102,38 @@ def linearize(
     fixed_steady: SteadyState | None = None,
     fixed_bending: Float[Array, ""] | float | None = None,
     throw: bool = True,
-) -> Linearization:
+) -> Linearization: ...
+
+
+@overload
+def linearize(
+    steady: CushionState, basis: AbstractBasis | None = None, *, throw: bool = True
+) -> CushionLinearization: ...
+
+
+def linearize(
+    steady: SteadyState | CushionState,
+    basis: AbstractBasis | None = None,
+    *,
+    free: bool = False,
+    fixed_steady: SteadyState | None = None,
+    fixed_bending: Float[Array, ""] | float | None = None,
+    throw: bool = True,
+) -> Linearization | CushionLinearization:
     """Mass, gyroscopic and stiffness matrices of the drive about its steady state.
 
     They are the second variation of the drive's energy: Kong (2003), chapter 4, for any number of
     pulleys, tensioners, isolators and belts; docs/theory/vibration.md.
 
+    About the state of a belt on a cushion, as `cushion_state` returns it, the cords move on the
+    pulleys, too: docs/theory/cushion.md, (U9) to (U12). That model has neither torques nor bending:
+    the state is found once more without torques. Its basis is `Legendre(12)` unless given.
+
     The result is that of the steady states, or `successful`. With `throw=False` read `.result`: the
     matrices of a failed state are placeholders without derivatives.
 
     Args:
-        steady: the steady state, as `steady_state` returns it.
+        steady: the steady state, as `steady_state` returns it, or `cushion_state`.
         basis: functions for the deflections of each span, `Legendre(24)` unless given; `Sine(n)`
             is that of the source.
         free: let the driver turn as the other pulleys do, so that the drive has a rigid rotation;
@@ -129,6 +155,14 @@ def linearize(
         >>> linearization = bj.linearize(bj.steady_state(drive, point), bj.Legendre(16))
         >>> bj.modes(linearization, 4).frequencies  # [rad/s]
     """
+    if isinstance(steady, CushionState):
+        if free or fixed_steady is not None or fixed_bending is not None:
+            raise ValueError(
+                "linearize: free, fixed_steady and fixed_bending are not for a belt on a cushion; "
+                "leave them out."
+            )
+        about = linearize_cushion(steady, basis)
+        return raise_unless_successful(about, about.result, throw)
     basis = Legendre(24) if basis is None else basis
     if not isinstance(basis, AbstractBasis):
         raise ValueError(f"basis: found {basis!r}; give Sine(n) or Legendre(n).")

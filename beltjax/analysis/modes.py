@@ -1,13 +1,14 @@
 """Natural modes of a drive about its steady state, and their derivatives."""
 
 import functools
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, overload
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float, Int
 
+from beltjax.analysis.cushion_vibration import CushionLinearization, CushionModes, cushion_modes
 from beltjax.analysis.damping import Damping, damping_matrix
 from beltjax.analysis.linearization import Linearization
 from beltjax.analysis.steady import of_single
@@ -109,6 +110,7 @@ def mode_label(rigid: float, spans: list[float]) -> str:
     return "spans" if rigid < 1 - _MOSTLY else "coupled"
 
 
+@overload
 def modes(
     linearization: Linearization,
     count: int = 8,
@@ -117,7 +119,24 @@ def modes(
     damping: Damping | None = None,
     route: Route = "auto",
     throw: bool = True,
-) -> Modes:
+) -> Modes: ...
+
+
+@overload
+def modes(
+    linearization: CushionLinearization, count: int = 8, *, throw: bool = True
+) -> CushionModes: ...
+
+
+def modes(
+    linearization: Linearization | CushionLinearization,
+    count: int = 8,
+    *,
+    exact: bool = False,
+    damping: Damping | None = None,
+    route: Route = "auto",
+    throw: bool = True,
+) -> Modes | CushionModes:
     """The `count` natural modes of lowest frequency of a linearized drive.
 
     Kong (2003), chapter 4; docs/theory/vibration.md. A rigid rotation (of a free drive) is left
@@ -154,6 +173,13 @@ def modes(
         >>> modes = bj.modes(bj.linearize(bj.steady_state(drive, point)), 4, exact=True)
         >>> modes.frequencies, modes.labels  # [rad/s], what moves most
     """
+    if isinstance(linearization, CushionLinearization):
+        if exact or damping is not None or route != "auto":
+            raise ValueError(
+                "modes: exact, damping and route are not for a belt on a cushion; leave them out."
+            )
+        on_cushion = cushion_modes(linearization, int(count))
+        return raise_unless_successful(on_cushion, on_cushion.result, throw)
     found = _modes(strongly_typed(linearization), int(count), exact, strongly_typed(damping), route)
     return raise_unless_successful(found, found.result, throw)
 

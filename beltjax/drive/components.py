@@ -165,24 +165,37 @@ class Belt(Readable):
         converter=as_optional,
         default=None,
         metadata=number(
-            "rad",
-            "of the grooves, between their flanks, in which the belt wedges: contact is then that "
-            "of `docs/grooves.md`. In a file also a table `groove = { angle, wedge_stiffness }`",
-            above=0,
-            design=True,
-            rare=True,
+            "rad", "between the flanks of the grooves in which it wedges", above=0, rare=True
         ),
     )
     wedge_stiffness: Float[Array, ""] | None = eqx.field(
         converter=as_optional,
         default=None,
         metadata=number(
+            "N/m^2", "beside it: side force per depth and unstretched length", above=0, rare=True
+        ),
+    )
+    cushion_radial: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number(
             "N/m^2",
-            "beside it: side force on the belt per penetration into the groove and unstretched "
-            "length, of the whole width",
+            "of a soft layer between cords and pulleys: force per unstretched length and give "
+            "towards the axis, for `bj.cushion_state`. In a file `cushion = { radial, shear }`",
             above=0,
             design=True,
-            rare=True,
+            quantity="stiffness of a cushion",
+        ),
+    )
+    cushion_shear: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number(
+            "N/m^2",
+            "of that layer: force per unstretched length and shear along the belt",
+            above=0,
+            design=True,
+            quantity="stiffness of a cushion",
         ),
     )
     name: str = eqx.field(static=True, default="belt")
@@ -195,6 +208,10 @@ class Belt(Readable):
         if (self.wedge_angle is None) != (self.wedge_stiffness is None):
             raise ValueError(
                 f"Belt {self.name!r}: wedge_angle and wedge_stiffness go together: give both."
+            )
+        if (self.cushion_radial is None) != (self.cushion_shear is None):
+            raise ValueError(
+                f"Belt {self.name!r}: cushion_radial and cushion_shear go together; give both."
             )
 
 
@@ -264,12 +281,7 @@ class Pulley(Readable):
         converter=as_optional,
         default=None,
         metadata=number(
-            "rad",
-            "of its own groove, in place of the belt's `wedge_angle`. In a file also a table "
-            "`groove = { angle }`",
-            above=0,
-            design=True,
-            rare=True,
+            "rad", "of its own groove, in place of the belt's `wedge_angle`", above=0, rare=True
         ),
     )
     # Which pulley drives and which tensioner carries it are data, not structure: drives that
@@ -281,6 +293,8 @@ class Pulley(Readable):
     housed: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)
     # 1: a belt that wedges does so here, 0: the rim is smooth; of a pulley on its back 0 anyway.
     wedged: Float[Array, ""] = eqx.field(converter=as_real, default=1.0)
+    # 0: the cords lie on this pulley itself, though the belt has a cushion.
+    cushion: Float[Array, ""] = eqx.field(converter=as_real, default=1.0)
     # How friction falls from `friction_static`: data, too.
     friction_law: Float[Array, ""] | None = eqx.field(converter=as_friction_law, default=None)
     belt: str | None = eqx.field(static=True, default=None)  # name of its belt; None: the only one

@@ -1,22 +1,19 @@
-"""Grooves of a drive file, which are given as tables: as plain numbers."""
+"""Grooves of a drive file: what belongs together, and smooth rims."""
 
-from collections.abc import Mapping
 from typing import Any
 
+from beltjax.drive.file_inner_tables import INNER
 from beltjax.files.errors import FileError
 from beltjax.files.units import shown
 
 KEY = "groove"
-# The numbers of a belt and of a pulley by the keys of their tables.
-OF_BELT = {"angle": "wedge_angle", "wedge_stiffness": "wedge_stiffness"}
-OF_PULLEY = {"angle": "wedge_angle"}
 WEDGED = "wedged"  # the key of a pulley that groove = false stands for
 
 
-def grooves_as_numbers(content: dict[str, Any], path: object) -> dict[str, Any]:
-    """`content` with plain numbers in place of tables of grooves; raises `FileError`.
+def grooves_checked(content: dict[str, Any], path: object) -> dict[str, Any]:
+    """`content` whose tables of grooves are whole; raises `FileError`.
 
-    What is no table is left for the file's own rules to refuse.
+    `groove = false` of a pulley becomes `wedged = false`.
     """
     belts, pulleys = content.get("belt"), content.get("pulley")
     made = dict(content)
@@ -46,11 +43,11 @@ def _belt(table: Any, key: str, path: object) -> Any:
     if not isinstance(given, dict):
         message = f"found {shown(given)}; give {{ angle = .., wedge_stiffness = .. }}"
         raise FileError(path, f"{key}.{KEY}", message)
-    for part in OF_BELT:
+    for part in INNER["belt"][KEY]:
         if part not in given:
             message = "is missing; a groove has an angle between its flanks and a wedge_stiffness"
             raise FileError(path, f"{key}.{KEY}.{part}", message)
-    return _plain(table, given, OF_BELT, key, path)
+    return table
 
 
 def _pulley(table: Any, key: str, grooved: bool, path: object) -> Any:
@@ -76,19 +73,4 @@ def _pulley(table: Any, key: str, grooved: bool, path: object) -> Any:
     if table.get("face") == "back":
         message = "is of a pulley on the back of the belt, which is smooth; remove it"
         raise FileError(path, f"{key}.{KEY}", message)
-    return _plain(table, given, OF_PULLEY, key, path)
-
-
-def _plain(
-    table: dict[str, Any], given: dict[str, Any], parts: Mapping[str, str], key: str, path: object
-) -> dict[str, Any]:
-    """A table without a table of a groove in it."""
-    for part, value in given.items():
-        if part not in parts:
-            message = f"found {shown(value)}; the keys here are {', '.join(parts)}"
-            raise FileError(path, f"{key}.{KEY}.{part}", message)
-        if parts[part] in table:
-            message = f"is given as {parts[part]}, too; give one of them"
-            raise FileError(path, f"{key}.{KEY}.{part}", message)
-    rest = {word: value for word, value in table.items() if word != KEY}
-    return rest | {parts[part]: value for part, value in given.items()}
+    return table

@@ -222,6 +222,7 @@ def pulleys_of(wheels: Wheels, of: BodiesOfFile, path: object) -> list[Pulley]:
                 housed=pulley.housing == "arm",
                 friction_law=pulley.friction_law,
                 wedged=pulley.wedged,
+                cushion=pulley.cushion,
                 belt=pulley.belt,
                 shaft=partner,
                 **given_numbers(pulley, Pulley),
@@ -379,6 +380,7 @@ def _pulley_content(pulley: Pulley, crossed: bool) -> dict[str, Any]:
     content |= {"friction_law": None if law is None else word(FRICTION_LAWS, law)}
     content |= {"belt": pulley.belt, "shaft": pulley.shaft}
     content |= {"driver": True if float(pulley.driver) else None}
+    content |= {"cushion": None if float(pulley.cushion) else False}
     content |= {"housing": "arm" if float(pulley.housed) else None}
     content |= {"wedged": None if float(pulley.wedged) else False}
     return {key: value for key, value in content.items() if value is not None}
@@ -402,8 +404,14 @@ def listed_content(drive: Drive) -> str | dict[str, str]:
     return words if len(drive.belts) > 1 else next(iter(words.values()))
 
 
-def belts_of(file: DriveTable) -> list[Belt]:
+def belts_of(file: DriveTable, path: object) -> list[Belt]:
     """The belts of a file."""
+    for belt in file.belts:
+        given = [belt.number(f"cushion_{part}") is not None for part in ("radial", "shear")]
+        if any(given) and not all(given):
+            label = "belt" if len(file.belts) == 1 else f"belt.{belt.name}"
+            message = "found one of radial and shear; give cushion = { radial = .., shear = .. }"
+            raise FileError(path, f"{label}.cushion", message)
     return [
         Belt(
             name=belt.name,

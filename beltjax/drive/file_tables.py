@@ -32,7 +32,7 @@ Two = Field(min_length=2, max_length=2)
 class BeltTable(Table):
     """[belt] or [[belt]]."""
 
-    translated = ("pitch_offset", "back_offset", "groove")
+    translated = ("pitch_offset", "back_offset", "cushion", "groove")
     name: Annotated[str, meaning("of its own, where there are several")] = "belt"
     pitch: Annotated[
         Annotated[float, Field(gt=0)] | None,
@@ -84,6 +84,10 @@ class PulleyTable(Table):
     wedged: Annotated[
         bool,
         meaning("`false`, also written `groove = false`, where a belt with groove lies flat"),
+    ] = True
+    cushion: Annotated[
+        bool,
+        meaning("`false` where the cords lie on the pulley itself, though the belt has a cushion"),
     ] = True
     friction_law: Annotated[
         Literal["stribeck", "cubic"] | None,

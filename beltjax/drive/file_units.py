@@ -4,10 +4,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from beltjax.drive.file_bodies import SINGLE
-from beltjax.drive.file_friction import KEY as FRICTION
-from beltjax.drive.file_friction import PARTS as FRICTIONS
-from beltjax.drive.file_grooves import KEY as GROOVE
-from beltjax.drive.file_grooves import OF_BELT
+from beltjax.drive.file_inner_tables import plain_key
 from beltjax.drive.file_makers_data import DIAMETERS, LENGTHS, effective_excess
 from beltjax.drive.file_origin import OF_TENSIONERS, Origin
 from beltjax.drive.file_plausibility import as_number, doubts
@@ -19,12 +16,6 @@ from beltjax.files.units import to_si, unit_written
 # Tables of a list that go by the names of the drive's parts, which are in the same order.
 _LISTED = {"belt": "belts", "isolator": "isolators", "damper": "dampers"}
 _AXES = ".x", ".y"
-# Keys of tables within the parts' own, as those of the numbers that they give.
-_NESTED = {
-    ("tensioner", FRICTION): FRICTIONS,
-    ("belt", GROOVE): OF_BELT,
-    ("pulley", GROOVE): OF_BELT,
-}
 
 
 def units_used(content: dict[str, Any], drive: Drive, origin: Origin, path: object) -> UnitsOfFile:
@@ -101,9 +92,7 @@ def _keys(words: tuple[str, ...], content: dict[str, Any]) -> list[str]:
         return [".".join(words[:4])]  # a list has the unit of its items
     if words[0] == "pulley" and words[-1] in DIAMETERS:
         words = (*words[:-1], "radius")
-    nested = _NESTED.get((words[0], *words[-2:-1]))
-    if nested is not None:
-        words = (*words[:-2], nested.get(words[-1], words[-1]))
+    words = plain_key(words)
     if words[0] == "tensioner" and words[-1] == "preload":
         return [".".join(words), ".".join((*words[:-1], "force"))]
     if words[:2] == ("installation", "belt_length") and words[-1] in LENGTHS:

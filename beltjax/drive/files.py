@@ -18,8 +18,8 @@ from beltjax.drive.file_bodies import (
     read_bodies,
     require_one_arm,
 )
-from beltjax.drive.file_friction import frictions_as_numbers
-from beltjax.drive.file_grooves import grooves_as_numbers
+from beltjax.drive.file_grooves import grooves_checked
+from beltjax.drive.file_inner_tables import inner_tables_as_numbers
 from beltjax.drive.file_makers_data import in_terms_of_the_drive, pitch_offsets
 from beltjax.drive.file_operation import (
     OPERATION,
@@ -190,16 +190,16 @@ def _described(
     """
     require_one_arm(content, path)
     near, origin = near_the_origin(content)
-    near = grooves_as_numbers(near, path)
+    near = grooves_checked(near, path)
     plain = springs_as_positions(in_terms_of_the_drive(near, path), path)
-    plain = frictions_as_numbers(plain, path)
+    plain = inner_tables_as_numbers(plain, path)
     file = validated(DriveTable, completed(plain), path)
     wheels = Wheels(file, path)
     of = read_bodies(file, wheels.shafts, path)
     runs = read_operation(file, wheels, path)
     listed = read_listed(file, path)
     drive = Drive(
-        belts=belts_of(file),
+        belts=belts_of(file, path),
         pulleys=pulleys_of(wheels, of, path),
         installation=read_installation(file, of, path),
         tensioners=_tensioners(of),

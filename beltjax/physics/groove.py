@@ -36,7 +36,7 @@ class Flanks(NamedTuple):
     eps: Scalar
 
 
-class ArcEnds(NamedTuple):
+class GrooveEnds(NamedTuple):
     """What spans and belt prescribe at the ends of an arc."""
 
     P_in: Scalar

@@ -27,7 +27,7 @@ from beltjax.numerics.bvp.collocation import (
 from beltjax.numerics.bvp.condensed import step_and_responses
 from beltjax.numerics.bvp.gauss import gauss
 from beltjax.numerics.bvp.mesh import equidistribute
-from beltjax.physics.groove import ArcEnds, Flanks, Sliding, sliding, slopes
+from beltjax.physics.groove import Flanks, GrooveEnds, Sliding, sliding, slopes
 
 Scalar = Float[Array, ""]
 STAGES = 3
@@ -35,7 +35,7 @@ DEEP = 0.01  # unit of xi, so that all unknowns are of order 0.1 to 1
 FLOOR = 0.15  # share of the nodes that is spread evenly
 
 
-class Arc(NamedTuple):
+class GrooveArc(NamedTuple):
     """The belt along one groove, on its mesh."""
 
     mesh: Mesh
@@ -60,18 +60,18 @@ class Integrals(NamedTuple):
     moment: Scalar  # of the friction, taken from the belt
 
 
-def arc_problem(of: Flanks, ends: ArcEnds) -> Problem:
+def arc_problem(of: Flanks, ends: GrooveEnds) -> Problem:
     """The two-point problem of one arc."""
     unit = Interval(jnp.zeros(()), jnp.ones(()))
     return Problem(_along, _conditions, unit, (of, ends), None)
 
 
-def _along(_: Scalar, y: Array, p: Array, args: tuple[Flanks, ArcEnds]) -> Array:
+def _along(_: Scalar, y: Array, p: Array, args: tuple[Flanks, GrooveEnds]) -> Array:
     deep, chi, P = slopes(DEEP * y[0], y[1], y[2], p[1], p[2], args[0])
     return p[0] * jnp.stack([deep / DEEP, chi, P])
 
 
-def _conditions(first: Array, last: Array, p: Array, args: tuple[Flanks, ArcEnds]) -> Array:
+def _conditions(first: Array, last: Array, p: Array, args: tuple[Flanks, GrooveEnds]) -> Array:
     ends = args[1]
     return jnp.stack(
         [
@@ -90,7 +90,7 @@ def seating_stiffness(of: Flanks) -> Scalar:
     return 2 * of.K * jnp.tan(of.beta + jnp.arctan(of.mu))
 
 
-def first_arc(of: Flanks, ends: ArcEnds, elements: int) -> Arc:
+def first_arc(of: Flanks, ends: GrooveEnds, elements: int) -> GrooveArc:
     """A start: the belt adheres but for layers at both ends, with the tension of a flat belt."""
     stiffness = seating_stiffness(of) * of.R**2
     rate = jnp.sqrt(stiffness / ends.P_in)
@@ -109,7 +109,7 @@ def first_arc(of: Flanks, ends: ArcEnds, elements: int) -> Arc:
     K = jax.vmap(jax.vmap(jax.jacfwd(shape), out_axes=1))(fractions)
     speed = (of.EA + ends.P_in) / (of.EA - ends.g) * (1 + ends.P_in / stiffness)
     p = jnp.stack([ends.turn, speed, ends.g])
-    return Arc(mesh, Unknowns(jax.vmap(shape, out_axes=1)(mesh), K, p))
+    return GrooveArc(mesh, Unknowns(jax.vmap(shape, out_axes=1)(mesh), K, p))
 
 
 def states(y: Float[Array, "3 *at"], p: Float[Array, "3"], of: Flanks) -> Sliding:
@@ -117,7 +117,7 @@ def states(y: Float[Array, "3 *at"], p: Float[Array, "3"], of: Flanks) -> Slidin
     return sliding(DEEP * y[0], y[1], y[2], p[1], p[2], of)
 
 
-def moved_arc(arc: Arc, of: Flanks) -> Arc:
+def moved_arc(arc: GrooveArc, of: Flanks) -> GrooveArc:
     """The same arc on a mesh that follows its layers and the turning of the friction (W10)."""
     y, at = arc.z.y, states(arc.z.y, arc.z.p, of)
 
@@ -131,7 +131,7 @@ def moved_arc(arc: Arc, of: Flanks) -> Arc:
     density = parts / widths + FLOOR * jnp.sum(parts)
     mesh = equidistribute(arc.mesh, density)
     unit = Interval(jnp.zeros(()), jnp.ones(()))
-    return Arc(mesh, remesh(unit, arc.mesh, arc.z, mesh, gauss(STAGES)))
+    return GrooveArc(mesh, remesh(unit, arc.mesh, arc.z, mesh, gauss(STAGES)))
 
 
 class ArcStep(NamedTuple):
@@ -142,7 +142,7 @@ class ArcStep(NamedTuple):
     residual: Scalar
 
 
-def arc_step(arc: Arc, of: Flanks, ends: ArcEnds) -> ArcStep:
+def arc_step(arc: GrooveArc, of: Flanks, ends: GrooveEnds) -> ArcStep:
     """One linearization of the arc."""
     problem = arc_problem(of, ends)
     left = residual(problem, arc.mesh, arc.z)
@@ -178,7 +178,7 @@ def integrals(z: Unknowns, mesh: Mesh, of: Flanks) -> Integrals:
 
 
 @jax.custom_jvp
-def solved_arc(numbers: tuple[Flanks, ArcEnds], arc: Arc) -> Unknowns:
+def solved_arc(numbers: tuple[Flanks, GrooveEnds], arc: GrooveArc) -> Unknowns:
     """The unknowns of a converged arc, as functions of groove and ends on a mesh that is held.
 
     The slopes by each of the numbers are taken once, from the equations (W6) and (W7); a second

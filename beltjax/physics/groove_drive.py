@@ -22,10 +22,10 @@ from beltjax.numerics.derivative_rules import frozen_unless, without_slopes
 from beltjax.numerics.rigid_bodies import Coordinates
 from beltjax.numerics.roots import implicit_solution, solve_dense
 from beltjax.physics.contact import BeltMotion
-from beltjax.physics.groove import ArcEnds, Flanks
+from beltjax.physics.groove import Flanks, GrooveEnds
 from beltjax.physics.groove_arc import (
-    Arc,
     ArcStep,
+    GrooveArc,
     Passed,
     arc_step,
     first_arc,
@@ -117,10 +117,10 @@ class SolvedGrooves(NamedTuple):
 
     unknown: GrooveUnknown
     loop: GrooveLoop
-    arcs: Arc  # each leaf [n]; of flat pulleys a placeholder
+    arcs: GrooveArc  # each leaf [n]; of flat pulleys a placeholder
     held: GrooveBelt
     grooves: Flanks
-    ends: ArcEnds
+    ends: GrooveEnds
     converged: Bool[Array, ""]
     residual: Scalar
     steps: Int[Array, ""]
@@ -133,18 +133,18 @@ class Coarser(NamedTuple):
 
     unknown: GrooveUnknown
     loop: GrooveLoop
-    arcs: Arc
+    arcs: GrooveArc
     grooves: Flanks
 
 
-def flat_groove(R: Pulleys, tension: Scalar, EA: Scalar, eps: Scalar) -> tuple[Flanks, ArcEnds]:
+def flat_groove(R: Pulleys, tension: Scalar, EA: Scalar, eps: Scalar) -> tuple[Flanks, GrooveEnds]:
     """A groove and ends that are easy to solve, in the place of those of a flat pulley."""
     one = jnp.ones_like(R)
     beta, mu = 0.35 * one, 0.3 * one
     K = 50 * tension / (R**2 * 2 * jnp.tan(beta + jnp.arctan(mu)))
     EA = jnp.broadcast_to(EA, R.shape)
     groove = Flanks(R, beta, mu, K, EA, eps * one)
-    return groove, ArcEnds(tension * one, tension * one, 2.5 * one, 0 * one)
+    return groove, GrooveEnds(tension * one, tension * one, 2.5 * one, 0 * one)
 
 
 def at_rest(model: GrooveModel) -> GrooveModel:
@@ -159,11 +159,11 @@ def _with_eps(model: GrooveModel, eps: Scalar) -> GrooveModel:
     return model._replace(grooves=model.grooves._replace(eps=spread))
 
 
-def ends_of(unknown: GrooveUnknown, model: GrooveModel) -> ArcEnds:
+def ends_of(unknown: GrooveUnknown, model: GrooveModel) -> GrooveEnds:
     """What each arc is given; flat pulleys are given what `flat_groove` is."""
     P = unknown.P
     g = jnp.broadcast_to(unknown.g, P.shape)
-    ends = ArcEnds(model.frame.loops.preceding(P), P, unknown.turn, g)
+    ends = GrooveEnds(model.frame.loops.preceding(P), P, unknown.turn, g)
     nominal = flat_groove(model.grooves.R, jnp.ones(()), model.EA, jnp.ones(()))[1]
     return jax.tree.map(lambda a, b: jnp.where(model.flat > 0, a, b), nominal, ends)
 
@@ -239,7 +239,7 @@ def equations(
     return residuals, loop
 
 
-def adhering(arcs: Arc, model: GrooveModel) -> Scalar:
+def adhering(arcs: GrooveArc, model: GrooveModel) -> Scalar:
     """Log of the least sliding speed over that at which adhesion is said to end, of the worst."""
     at = jax.vmap(states)(arcs.z.y, arcs.z.p, model.grooves)
     least = jnp.min(jnp.log(at.w[:, 1:-1] / slow(model.grooves.eps)[:, None]), axis=1)
@@ -251,7 +251,7 @@ class _GrooveSearch(NamedTuple):
     """A search by Newton's method at one level of eps."""
 
     unknown: GrooveUnknown
-    arcs: Arc
+    arcs: GrooveArc
     size: Scalar  # of the whole last step, over the largest that is taken
     part: Scalar  # of the step that is taken
     residual: Scalar
@@ -276,7 +276,7 @@ def unpacked(x: Array, like: GrooveUnknown) -> GrooveUnknown:
 
 
 def _responding(
-    unknown: GrooveUnknown, arcs: Arc, steps: ArcStep, model: GrooveModel, task: GrooveTask
+    unknown: GrooveUnknown, arcs: GrooveArc, steps: ArcStep, model: GrooveModel, task: GrooveTask
 ) -> tuple[Array, Array]:
     """Residual and slopes of the drive's equations by its unknowns, the arcs following."""
 
@@ -341,7 +341,7 @@ def _newton(state: _GrooveSearch, model: GrooveModel, task: GrooveTask) -> _Groo
     )
 
 
-def _size(d: GrooveUnknown, dz: Unknowns, unknown: GrooveUnknown, arcs: Arc) -> Scalar:
+def _size(d: GrooveUnknown, dz: Unknowns, unknown: GrooveUnknown, arcs: GrooveArc) -> Scalar:
     """A step over the largest that is taken at once: 0.15 rad, two fifths of a tension, ..."""
     sizes = [
         jnp.max(jnp.abs(dz.y[:, 1])) / 0.15,
@@ -358,9 +358,9 @@ class _GrooveLevel(NamedTuple):
     """The way down in eps."""
 
     unknown: GrooveUnknown
-    arcs: Arc
+    arcs: GrooveArc
     eps: Scalar  # of these two
-    before: tuple[GrooveUnknown, Arc, Scalar]  # of the level before
+    before: tuple[GrooveUnknown, GrooveArc, Scalar]  # of the level before
     step: Scalar  # log of the ratio of levels
     done: Bool[Array, ""]
     residual: Scalar
@@ -391,7 +391,7 @@ def _in_turn(elements: int) -> Callable[..., Any]:
 
 def _searched(
     elements: int, held_model: GrooveModel, task: GrooveTask, start: GrooveUnknown
-) -> tuple[GrooveUnknown, Arc, tuple[Any, ...]]:
+) -> tuple[GrooveUnknown, GrooveArc, tuple[Any, ...]]:
     """The root, its arcs, and the evidence for it; without derivatives."""
     # The limit of adhesion is at the factor that is given: whoever finds it calls this repeatedly.
     held_task = task._replace(limit=jnp.where(task.limit == 2, 0.0, task.limit))
@@ -471,7 +471,7 @@ def _searched(
     return end.unknown, end.arcs, (end.done, end.residual, end.steps, end.eps, before)
 
 
-def _coarser(unknown: GrooveUnknown, arcs: Arc, model: GrooveModel) -> Coarser:
+def _coarser(unknown: GrooveUnknown, arcs: GrooveArc, model: GrooveModel) -> Coarser:
     at = jax.vmap(passed)(arcs.z, arcs.mesh, model.grooves)
     at = chosen(model, flat_arc(unknown, model), at)
     return Coarser(unknown, loop_of(unknown, at, model), arcs, model.grooves)
@@ -483,11 +483,15 @@ def chosen(model: GrooveModel, flat: Passed, grooved: Passed) -> Passed:
 
 
 def _with_derivatives(
-    found: GrooveUnknown, arcs: Arc, model: GrooveModel, task: GrooveTask, evidence: tuple[Any, ...]
+    found: GrooveUnknown,
+    arcs: GrooveArc,
+    model: GrooveModel,
+    task: GrooveTask,
+    evidence: tuple[Any, ...],
 ) -> SolvedGrooves:
     good, residual, count, last, coarser = evidence
 
-    def function(x: Array, args: tuple[GrooveModel, GrooveTask, Arc]) -> tuple[Array, Any]:
+    def function(x: Array, args: tuple[GrooveModel, GrooveTask, GrooveArc]) -> tuple[Array, Any]:
         model, task, arcs = args
         unknown = unpacked(x, found)
         ends = ends_of(unknown, model)

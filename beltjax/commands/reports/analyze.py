@@ -18,6 +18,7 @@ from beltjax.analysis.sensitivity import (
 from beltjax.analysis.steady import SteadyState
 from beltjax.commands.reports import states
 from beltjax.commands.reports.analyze_tables import analyze_tables
+from beltjax.commands.reports.cushioned import CushionPart, cushion_part
 from beltjax.commands.reports.diagnosis import diagnose
 from beltjax.commands.reports.documents import (
     Document,
@@ -146,6 +147,7 @@ class AnalyzeDocument(Document):
     worst: list[WorstPart] | None = meaning("of the duties that run, one for each quantity")
     worst_hub_loads: list[WorstPart] | None = meaning("of the duties that run, one a pulley")
     modes: ModesPart | None = meaning("null without inertias")
+    cushion: CushionPart | None = meaning("null unless the belt has a cushion")
     sensitivities: SlopesPart | None
 
 
@@ -181,7 +183,8 @@ def analyze_report(
         document |= duties_document(drive, point, duties)
         document["warnings"] = duty_warnings(document)
         failure = failure or duty_failure(document["duties"], path)
-    document["warnings"] = [*file_warnings(drive), *document["warnings"]]
+    document["cushion"], soft = (None, []) if failure else cushion_part(drive, point)
+    document["warnings"] = [*file_warnings(drive), *document["warnings"], *soft]
     document["success"] = not failure
     if has_inertias(drive) and not few:
         document["warnings"].append(modes_left_out(drive, MOST_VIBRATING))
@@ -237,6 +240,7 @@ def analyze_document(
         "isolators": states.isolators(drive, steady) if rests else None,
         **dict.fromkeys(("duty", "duties", "worst", "worst_hub_loads")),
         "modes": _modes(drive, found.modes) if running and found.modes else None,
+        "cushion": None,
         "sensitivities": _sensitivities(drive, found) if running else None,
     }
 

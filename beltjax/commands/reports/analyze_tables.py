@@ -8,6 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
+from beltjax.commands.reports.cushioned import cushion_tables
 from beltjax.commands.reports.duties import duty_title, hub_load_table, worst_table
 from beltjax.commands.reports.tables import largest_changes, number, plain_table
 from beltjax.commands.reports.units import TableUnits
@@ -37,6 +38,8 @@ def analyze_tables(document: dict[str, Any], sizes: dict[str, Any], units: Table
     parts.append(model_line(document))
     if document["modes"]:
         parts.append(mode_table(document["modes"]))
+    if document["cushion"]:
+        parts += cushion_tables(document["cushion"], units)
     if document["sensitivities"]:
         slopes = _gamma_table(document["sensitivities"]["coupling_total"], sizes, units)
         parts.append(slopes if slopes.row_count else Text(_gamma_is_zero(sizes)))

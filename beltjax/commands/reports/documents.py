@@ -36,7 +36,7 @@ class WarningPart(Part):
         "`slope_too_large`, `belt_slips_in_motion`, `grazing`, `friction_blurred` "
         "(members of `bj.RESULTS`), "
         "`tension_above_allowable`, `belt_slips`, `damper_on_given_motion`, "
-        "`damping_joins_clutch` or `modes_left_out`"
+        "`damping_joins_clutch`, `cushion_left_out` or `modes_left_out`"
     )
     text: str = meaning("the same in words, with names and numbers")
 

@@ -1,0 +1,29 @@
+"""Belts whose lengths are those of strings, for analyses whose own belts differ from strings."""
+
+import dataclasses
+
+from jaxtyping import Array, Float
+
+from beltjax.analysis.installed import held_by_tensions, installed_by_tension
+from beltjax.drive.assembly import Assembly
+from beltjax.drive.installation import BeltGiven, Preloaded, TensionGiven
+
+
+def belts_of_the_string(made: Assembly) -> Assembly:
+    """`made`; where its tensions are those of strings, with the belts and springs they give."""
+    rule = made.rule
+    if isinstance(rule, Preloaded):
+        string = installed_by_tension(made).held
+    elif isinstance(rule, TensionGiven) and rule.tension_of == "string":
+        tensions = made.loops.spread(jnp.broadcast_to(rule.tension, made.EA.shape))
+        string = held_by_tensions(made, made.drawn, tensions, made.still)
+    else:
+        return made
+    free = string.free if len(string.free) else None
+    given = BeltGiven(each_or_single(string.lengths), free=free)
+    return made._replace(drive=dataclasses.replace(made.drive, installation=given))
+
+
+def each_or_single(of_belts: Float[Array, " belts"]) -> Float[Array, "*belts"]:
+    """A number of each belt, or of the only one alone."""
+    return of_belts if len(of_belts) > 1 else of_belts[0]
