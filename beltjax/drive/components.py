@@ -165,14 +165,14 @@ class Belt(Readable):
         converter=as_optional,
         default=None,
         metadata=number(
-            "rad", "between the flanks of the grooves in which it wedges", above=0, rare=True
+            "rad", "between the flanks of its grooves", above=0, design=True, rare=True
         ),
     )
     wedge_stiffness: Float[Array, ""] | None = eqx.field(
         converter=as_optional,
         default=None,
         metadata=number(
-            "N/m^2", "beside it: side force per depth and unstretched length", above=0, rare=True
+            "N/m^2", "side force per depth and length", above=0, design=True, rare=True
         ),
     )
     cushion_radial: Float[Array, ""] | None = eqx.field(
@@ -280,9 +280,7 @@ class Pulley(Readable):
     wedge_angle: Float[Array, ""] | None = eqx.field(
         converter=as_optional,
         default=None,
-        metadata=number(
-            "rad", "of its own groove, in place of the belt's `wedge_angle`", above=0, rare=True
-        ),
+        metadata=number("rad", "of its own groove", above=0, design=True, rare=True),
     )
     # Which pulley drives and which tensioner carries it are data, not structure: drives that
     # differ only there share one compiled function and may share a batch.
