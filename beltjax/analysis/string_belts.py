@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from beltjax.analysis.installed import held_by_tensions, installed_by_tension
