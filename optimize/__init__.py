@@ -20,6 +20,9 @@ from .exploration.samples import Samples as Samples
 from .exploration.store import DamageWarning as DamageWarning
 from .exploration.store import array_name as array_name
 from .exploration.store import open_exploration as open_exploration
+from .followed import Searching as Searching
+from .followed import Stopped as Stopped
+from .followed import from_here as from_here
 from .minimization import minimize as minimize
 from .optimality import Optimality as Optimality
 from .optimum_sensitivity import PostOptimal as PostOptimal
@@ -28,6 +31,9 @@ from .optimum_sensitivity import post_optimal as post_optimal
 from .pareto_front import Front as Front
 from .pareto_front import FrontPoint as FrontPoint
 from .pareto_front import pareto as pareto
+from .problem import Measured as Measured
+from .problem import measured as measured
+from .problem import with_implied_constraints as with_implied_constraints
 from .quantities import Quantity as Quantity
 from .quantities import QuantityDefinition as QuantityDefinition
 from .quantities import find_quantity as find_quantity

@@ -38,6 +38,7 @@ BLOCKS = {
     "several_tensioners": 11,
     "squeal": 4,
     "stability": 4,
+    "studio": 2,
     "transient": 4,
     "troubleshooting": 1,
     "vibration": 4,
@@ -45,6 +46,7 @@ BLOCKS = {
 WRITTEN = {
     "vibration": ["sweep.nc"],
     "drive_file": ["copy.toml"],
+    "studio": ["steady.svg"],
     "extending": ["study.toml"],
     "exploration": ["sample.zarr", "grid.zarr"],
     "several_tensioners": ["one_arm.toml", "chain.toml", "two_belts.toml"],

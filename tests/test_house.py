@@ -18,7 +18,7 @@ ALLOWED = {
     "drive": {"files", "compiling", "numerics", "drive", "results"},
     "analysis": {"files", "compiling", "numerics", "physics", "drive", "analysis", "results"},
     "optimize": {"files", "compiling", "numerics", "drive", "analysis", "results"},
-    "draw": {"drive", "analysis", "optimize", "draw"},
+    "draw": {"files", "drive", "analysis", "optimize", "draw"},
     "commands": {
         "files",
         "compiling",
@@ -28,6 +28,20 @@ ALLOWED = {
         "optimize",
         "draw",
         "commands",
+        "studio",
+        "results",
+    },
+    # One command, with the reports of the others; nothing else knows it.
+    "studio": {
+        "files",
+        "compiling",
+        "numerics",
+        "drive",
+        "analysis",
+        "optimize",
+        "draw",
+        "commands",
+        "studio",
         "results",
     },
     # It compares the models themselves with print.

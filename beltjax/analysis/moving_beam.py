@@ -13,6 +13,7 @@ from beltjax.compiling.quick import boundary_jit, usual_promotion
 from beltjax.drive.canonical import canonical
 from beltjax.drive.components import as_real, concrete
 from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
 from beltjax.physics import moving_beam as beam
 from beltjax.physics import moving_beam_expansion as expansion
@@ -33,7 +34,7 @@ Method = Literal["exact", "perturbation"]
 METHODS = ("exact", "perturbation")
 
 
-class MovingBeamModes(eqx.Module):
+class MovingBeamModes(Readable):
     """Frequencies and complex modes of a moving beam: w(x, t) = Re[shape(x) e^{-i omega t}].
 
     All is dimensionless: x is over the span's length L, and frequencies are in sqrt(P/m)/L.
@@ -61,7 +62,7 @@ class MovingBeamModes(eqx.Module):
         return jax.vmap(shapes.shape, (0, 0, None))(self.wave_numbers, self.amplitudes, x)
 
 
-class SpanFrequencies(eqx.Module):
+class SpanFrequencies(Readable):
     """Frequencies of each span of a running drive between ends that do not move."""
 
     hertz: Float[Array, "spans count"]

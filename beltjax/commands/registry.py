@@ -81,7 +81,7 @@ json_option = click.option(
     "--json", "json_path", metavar="FILE", help="Write one JSON object; '-' for standard output."
 )
 si_option = click.option("--si", is_flag=True, help="Show SI units, not those of the file.")
-# Every command prints tables, so that each has these options without declaring them.
+# What prints tables has these options without declaring them.
 _csv_option = click.option(
     "--csv", metavar="FILE.csv", expose_value=False, callback=keep_csv_path,
     help="Write the tables that are printed.",
@@ -173,16 +173,16 @@ def group() -> None:
 
 
 def command(
-    document: Callable[[], type["Document"]],
+    document: Callable[[], type["Document"]], *, prints: bool = True
 ) -> Callable[[Callable[..., None]], click.Command]:
     """Register a function as the command of its name.
 
     `document` returns the class that describes the command's JSON document; the JSON Schemas and
-    docs/documents.md are made from it.
+    docs/documents.md are made from it. One that `prints` tables writes them to files, too.
     """
 
     def register(function: Callable[..., None]) -> click.Command:
-        made = group.command()(_csv_option(_xlsx_option(function)))
+        made = group.command()(_csv_option(_xlsx_option(function)) if prints else function)
         _REGISTERED[str(made.name)] = RegisteredCommand(made, document)
         return made
 

@@ -54,11 +54,19 @@ def run_kept(function: Callable, *args: Any) -> Any:
     Without a cache directory that is the user's own, and elsewhere than on a CPU, it is simply
     compiled and run.
     """
+    return kept_call(function, *args)(*args)
+
+
+def kept_call(function: Callable, *args: Any) -> Callable:
+    """`function` for arguments like these, which differ in the values of their arrays alone.
+
+    Who calls it often reads the kept program but once. Kept where `run_kept` keeps it.
+    """
     folder = jax.config.values["jax_compilation_cache_dir"]
     # Reading a kept program runs what is written in it.
     kept_here = _keeping[0] and jax.default_backend() == "cpu"
     if folder is None or not kept_here or not made_private(folder):
-        return quickly_compiled(function)(*args)
+        return quickly_compiled(function)
     call = flat_call(function, *args)
     path = Path(folder) / f"{_key(function, args)}.program"
     kept = _read(path, len(call.arrays))
@@ -67,7 +75,7 @@ def run_kept(function: Callable, *args: Any) -> Any:
         kept = program, call.forms[-1]
         _write(path, *kept)
     program, form = kept
-    return in_form(program(*call.arrays), form)
+    return lambda *like: in_form(program(*flat_call(function, *like).arrays), form)
 
 
 def _compiled(function: Callable, arrays: list[Any]) -> jax.stages.Compiled:

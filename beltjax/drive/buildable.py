@@ -198,9 +198,19 @@ def _faults(
         drive, installation=TensionGiven(1.0), arm_springs=(), isolators=(), dampers=()
     )
     survey = jax.device_get(run_kept(_survey, canonical_drive(bare), as_flags(coordinates)))
+    return _faults_of(drive, *survey)
+
+
+def fault_of(drive: Drive, at: Layout, gaps: Clearances) -> Fault | None:
+    """The reason why a layout that is computed already, with its gaps, is impossible; or None."""
+    return next(filter(None, _faults_of(drive, at, gaps)), None)
+
+
+def _faults_of(drive: Drive, at: Layout, gaps: Clearances) -> list[Fault | None]:
+    """The first fault of each belt's path, or None."""
     return [
         _arm_fault(drive) or next(filter(None, (find(loop) for find in _CHECKS)), None)
-        for loop in _loops(drive, *survey)
+        for loop in _loops(drive, at, gaps)
     ]
 
 

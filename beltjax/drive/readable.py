@@ -2,6 +2,7 @@
 
 import dataclasses
 import html
+import importlib
 import re
 import typing
 from collections.abc import Iterator, Mapping
@@ -18,6 +19,7 @@ from beltjax.files.fields import numbers
 from beltjax.results import RESULTS, code, outcomes
 
 _LONGEST = 8  # numbers of an array that are shown
+_PICTURES = "beltjax.draw.plots"
 
 # SI units of the fields of results; the units of a drive's numbers stand on their fields.
 _UNITS_OF_RESULTS = {
@@ -71,6 +73,7 @@ _UNITS_OF_RESULTS = {
     "mass_flow": "kg/s",
     "energy_balance": "W",
     "moment_balance": "N m",
+    "hertz": "Hz",
 }
 
 
@@ -108,6 +111,29 @@ class Readable(eqx.Module):
         cells = ("".join(f"<td>{html.escape(text)}</td>" for text in row) for row in _rows(self))
         body = "".join(f"<tr>{row}</tr>" for row in cells)
         return f"<table><caption>{type(self).__name__}</caption>{body}</table>"
+
+    def plot(self, drive: Any = None) -> Any:
+        """A picture, which a notebook shows and `.save(FILE)` writes; `.figure` is Matplotlib's.
+
+        Args:
+            drive: the drive that a result is of, for the pictures that need its names and outlines.
+
+        Returns:
+            The picture.
+
+        Raises:
+            TypeError: there is no picture of such an object; the message lists those there are.
+            ValueError: the picture needs the drive, or the numbers are traced or a batch.
+
+        Examples:
+            >>> drive, point = bj.load_drive("examples/three_pulley.toml")
+            >>> drive.plot()
+            >>> bj.steady_state(drive, point).plot(drive).save("steady.svg")
+        """
+        if not _is_plain(self):
+            raise ValueError(f"{type(self).__name__}: a picture is of one object of known numbers")
+        # Found by its name: pictures know drives and results, and not the other way round.
+        return importlib.import_module(_PICTURES).plotted(self, drive)
 
 
 def _is_plain(module: eqx.Module) -> bool:

@@ -84,6 +84,13 @@ class Drive(Readable):
         ),
     )
 
+    def _repr_html_(self) -> str:
+        """In a notebook the drawn layout above the table."""
+        table = super()._repr_html_()
+        if table.startswith("<pre>"):
+            return table
+        return f"{self.plot()._repr_svg_()}{table}"
+
     def __init__(
         self,
         belt: Belt | Sequence[Belt] | None = None,

@@ -22,7 +22,7 @@ from beltjax.numerics.roots import followed_root, implicit_solution
 from beltjax.physics import cushion
 from beltjax.physics.cushion import Layer, Met, Pull, met_thin, on_rim, strained
 from beltjax.physics.cushion_arc import arc_problem, first_arc, lacking_moment, met_of, moved_arc
-from beltjax.physics.inclined_arcs import Arc, ArcEnds, joint_step, solved_arc
+from beltjax.physics.inclined_arcs import Arc, ArcEnds, arc_step, joint_step, solved_arc
 from beltjax.physics.inclined_spans import (
     Frame,
     InclinedSpans,
@@ -241,7 +241,10 @@ def solve_exact(model: CushionModel, given: Given, guess: Array, elements: int) 
         def ends_of(x: Array) -> ArcEnds:
             return _ends(x, of, nominal)
 
-        move = joint_step(state.x, state.arcs, layers, arc_problem, ends_of, residual)
+        steps = jax.vmap(lambda one, ends, arc: arc_step(arc_problem(one, ends), arc))(
+            layers, ends_of(state.x), state.arcs
+        )
+        move = joint_step(state.x, state.arcs, steps, ends_of, residual)
         turned = jnp.max(jnp.abs(move.z.y[:, 1])) / _LARGEST
         pulled = jnp.max(jnp.abs(move.z.y[:, 2] / state.arcs.z.y[:, 2])) / _LARGEST
         rows = jnp.max(jnp.abs(state.arcs.z.y), axis=2)  # [n, 4]

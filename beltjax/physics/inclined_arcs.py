@@ -49,7 +49,7 @@ class Arc(NamedTuple):
     z: Unknowns
 
 
-class Step(NamedTuple):
+class ArcStep(NamedTuple):
     """What a Newton step takes off for ends held as they are, and the response to each of them."""
 
     base: Unknowns
@@ -65,7 +65,7 @@ class Move(NamedTuple):
     residual: Scalar
 
 
-def arc_step(problem: Problem, arc: Arc) -> Step:
+def arc_step(problem: Problem, arc: Arc) -> ArcStep:
     """One linearization of the arc."""
     left, factor = factored(problem.interval, arc.mesh, arc.z, evaluated(problem, arc.mesh, arc.z))
     nothing = jax.tree.map(jnp.zeros_like, left)
@@ -75,21 +75,20 @@ def arc_step(problem: Problem, arc: Arc) -> Step:
     solved = jax.vmap(lambda one: solve_factored(factor, one))(right)
     size = jnp.max(jnp.stack([jnp.max(jnp.abs(part)) for part in left]))
     response, base = (jax.tree.map(lambda x, k=k: x[k], solved) for k in (slice(4), 4))
-    return Step(base, response, size)
+    return ArcStep(base, response, size)
 
 
 def joint_step(
     x: Float[Array, " unknowns"],
     arcs: Arc,
-    of: Any,
-    problem_of: ProblemOf,
+    steps: ArcStep,
     ends_of: Callable[[Array], ArcEnds],
     equations: Callable[[Array, Unknowns], Array],
 ) -> Move:
-    """A step for unknowns x, whose `equations` depend on the arcs' unknowns, too."""
-    steps = jax.vmap(lambda one, ends, arc: arc_step(problem_of(one, ends), arc))(
-        of, ends_of(x), arcs
-    )
+    """A step for unknowns x, whose `equations` depend on the arcs' unknowns, too.
+
+    `steps` are those of the arcs, each leaf [n], and `ends_of` what x prescribes to them.
+    """
 
     def following(row: Array) -> Unknowns:
         """Change of the arcs while x changes by `row`."""

@@ -148,6 +148,7 @@ def running_strings(drive, c, ratio):
     return fsolve(unmet, [0.0, *(rest - mass * c**2)], xtol=1e-12)
 
 
+@pytest.mark.slow
 def test_an_arm_that_moves_two_belts_stands_where_the_exact_strings_hold_it():
     drive = two_belts((0.0, 0.0), shared=True)
     found = bj.contact_state(drive, bj.OperatingPoint(belt_speed=30.0))

@@ -123,6 +123,7 @@ def test_derivatives_three_ways():
         np.testing.assert_allclose(forward[place], slope, rtol=2e-5, atol=1e-7 * abs(slope).max())
 
 
+@pytest.mark.slow
 def test_a_bad_lane_leaves_its_neighbors():
     drive = on_cushion(TABLE, 2e7)
 

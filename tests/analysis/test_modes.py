@@ -113,6 +113,7 @@ def test_exact_route_finds_every_frequency(name):
             np.testing.assert_allclose(exact.dimensionless, converged, rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("s", [0.0, 0.5, 1.2])
 def test_dynamic_stiffness_is_hermitian(s):
     lin = linearized("seven_pulley", 0.04, s, bj.Sine(1))

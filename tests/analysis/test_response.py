@@ -16,6 +16,7 @@ DAMPING = bj.Damping(modal=0.05, stiffness=2e-5)
 NAMES = ("crankshaft", "tensioner", "accessory")
 
 
+@pytest.mark.slow
 def test_time_integration_after_the_transient():
     lin = linearized("three_pulley", 0.06, 0.5, bj.Legendre(3))
     omega = 2.2  # dimensionless, between the first two frequencies
@@ -101,6 +102,7 @@ def test_slow_crank_turns_everything_rigidly():
     assert np.abs(found.tensions).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_speed_response_is_the_response_at_each_speed():
     drive, point = example("three_pulley")
     speeds = jnp.array([60.0, 150.0, 5000.0])

@@ -98,6 +98,7 @@ def test_a_repeated_frequency_takes_the_shapes_it_had_before():
     np.testing.assert_allclose(agreement(before, aligned(before, here)), eye, atol=5e-3)
 
 
+@pytest.mark.slow
 def test_modes_of_one_gyroscopic_system_are_orthogonal():
     found = bj.sweep(*example("three_pulley"), "operation.belt_speed", [50.0, 50.1], basis=BASIS)
     assert np.nanmin(found.mac) > 0.9999

@@ -81,6 +81,7 @@ def test_belt_that_does_not_fit_is_a_bad_file(run, tmp_path):
     assert not (tmp_path / "out.json").exists()
 
 
+@pytest.mark.slow
 def test_a_length_is_refused_as_it_was_typed(run, tmp_path):
     """An effective length in mm; the path's ends less 2 pi offsets are what `layout` finds."""
     text = (EXAMPLES / "six_pulley_accessory.toml").read_text()
@@ -94,6 +95,7 @@ def test_a_length_is_refused_as_it_was_typed(run, tmp_path):
     assert "mm along the effective line; change belt_length" in err
 
 
+@pytest.mark.slow
 def test_of_several_belts_the_one_that_does_not_fit_is_named(run, tmp_path):
     """On fixed centers: one belt stretched by half a percent, the other too long by 2 mm."""
     text = (EXAMPLES / "combine_two_belts.toml").read_text()
@@ -262,6 +264,7 @@ def test_drive_that_cannot_run_is_an_answer(run, tmp_path, old, new, says):
     assert len(document["layout"]["spans"]) == 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("teeth", "found"), [(110, "0.5500 m, too short"), (130, "0.6500 m, too long")]
 )
