@@ -134,7 +134,7 @@ def moved_arc(arc: GrooveArc, of: Flanks) -> GrooveArc:
     return GrooveArc(mesh, remesh(unit, arc.mesh, arc.z, mesh, gauss(STAGES)))
 
 
-class ArcStep(NamedTuple):
+class GrooveStep(NamedTuple):
     """What a Newton step takes off for ends held as they are, and the response to each of them."""
 
     base: Unknowns
@@ -142,7 +142,7 @@ class ArcStep(NamedTuple):
     residual: Scalar
 
 
-def arc_step(arc: GrooveArc, of: Flanks, ends: GrooveEnds) -> ArcStep:
+def arc_step(arc: GrooveArc, of: Flanks, ends: GrooveEnds) -> GrooveStep:
     """One linearization of the arc."""
     problem = arc_problem(of, ends)
     left = residual(problem, arc.mesh, arc.z)
@@ -152,7 +152,7 @@ def arc_step(arc: GrooveArc, of: Flanks, ends: GrooveEnds) -> ArcStep:
         problem.interval, arc.mesh, arc.z, local, left, jnp.eye(6)[2:]
     )
     size = jnp.maximum(jnp.max(jnp.abs(left.joints)), jnp.max(jnp.abs(left.stages)))
-    return ArcStep(base, response, jnp.maximum(size, jnp.max(jnp.abs(left.conditions))))
+    return GrooveStep(base, response, jnp.maximum(size, jnp.max(jnp.abs(left.conditions))))
 
 
 def passed(z: Unknowns, mesh: Mesh, of: Flanks) -> Passed:

@@ -24,8 +24,8 @@ from beltjax.numerics.roots import implicit_solution, solve_dense
 from beltjax.physics.contact import BeltMotion
 from beltjax.physics.groove import Flanks, GrooveEnds
 from beltjax.physics.groove_arc import (
-    ArcStep,
     GrooveArc,
+    GrooveStep,
     Passed,
     arc_step,
     first_arc,
@@ -276,7 +276,7 @@ def unpacked(x: Array, like: GrooveUnknown) -> GrooveUnknown:
 
 
 def _responding(
-    unknown: GrooveUnknown, arcs: GrooveArc, steps: ArcStep, model: GrooveModel, task: GrooveTask
+    unknown: GrooveUnknown, arcs: GrooveArc, steps: GrooveStep, model: GrooveModel, task: GrooveTask
 ) -> tuple[Array, Array]:
     """Residual and slopes of the drive's equations by its unknowns, the arcs following."""
 
