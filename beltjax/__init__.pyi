@@ -3,7 +3,6 @@
 from .analysis.collocation import Collocation as Collocation
 from .analysis.contact import ContactState as ContactState
 from .analysis.contact import contact_state as contact_state
-from .analysis.contact import maximum_moment as maximum_moment
 from .analysis.contact_path import BeltPiece as BeltPiece
 from .analysis.contact_path import belt_pieces as belt_pieces
 from .analysis.contact_path import span_deflection as span_deflection
@@ -27,8 +26,16 @@ from .analysis.friction_laws import StribeckFriction as StribeckFriction
 from .analysis.friction_oscillator import FrictionCycle as FrictionCycle
 from .analysis.friction_oscillator import FrictionOscillator as FrictionOscillator
 from .analysis.friction_oscillator import friction_oscillator as friction_oscillator
+from .analysis.groove import GrooveErrors as GrooveErrors
+from .analysis.groove import GrooveState as GrooveState
+from .analysis.groove import groove_state as groove_state
+from .analysis.groove_methods import AdhesionLimit as AdhesionLimit
+from .analysis.groove_methods import Groove as Groove
+from .analysis.groove_methods import SlipLimit as SlipLimit
+from .analysis.groove_methods import ThinGroove as ThinGroove
 from .analysis.linearization import Linearization as Linearization
 from .analysis.linearization import linearize as linearize
+from .analysis.maximum import maximum_moment as maximum_moment
 from .analysis.modes import Modes as Modes
 from .analysis.modes import modes as modes
 from .analysis.moving_beam import MovingBeamModes as MovingBeamModes

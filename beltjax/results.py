@@ -94,6 +94,10 @@ if TYPE_CHECKING:
         wrap_vanished: "RESULTS"
         gross_slip: "RESULTS"
         contact_not_found: "RESULTS"
+        groove_not_found: "RESULTS"
+        groove_unresolved: "RESULTS"
+        friction_blurred: "RESULTS"
+        thin_groove_slides: "RESULTS"
         cushion_too_soft: "RESULTS"
         cushion_state_not_found: "RESULTS"
         no_torque_to_scale: "RESULTS"
@@ -339,6 +343,23 @@ else:
         contact_not_found = (
             "No shape of the belt was found that touches the pulleys. Look for a number far out "
             "of the ordinary: tension, bending stiffness, belt length, torques."
+        )
+        groove_not_found = (
+            "No state of the belt in its grooves was found. The torques may be more than friction "
+            "passes on (`maximum_moment` finds their limit), a span may have lost its tension, or "
+            "a number is far out of the ordinary: wedge stiffness, belt length, friction."
+        )
+        groove_unresolved = (
+            "The belt in a groove is not resolved: the moment of its friction is not that of its "
+            "tensions. Give more elements, as `Groove(elements=800)`, or a larger slip_velocity."
+        )
+        thin_groove_slides = (
+            "The belt slides over a whole arc in a groove, where the formulas for a belt that "
+            "sinks in little end. Lower the torques, or take the full model, `Groove()`."
+        )
+        friction_blurred = (
+            "The sliding speed below which friction is taken to be viscous moves the moments by "
+            "more than a hundredth. Lower slip_velocity; `regularization` shows each number's part."
         )
         no_torque_to_scale = (
             "No accessory takes torque, so there is nothing to raise to its maximum. Give "

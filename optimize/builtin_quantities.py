@@ -133,6 +133,24 @@ def contact_wrap(analyses: DriveAnalyses, pulley: int) -> Scalar:
     return analyses.contact.wraps[pulley]
 
 
+@quantity("groove_efficiency", needs="groove")
+def groove_efficiency(analyses: DriveAnalyses) -> Scalar:
+    """Power that the driven pulleys take over that of the driver, of a belt in grooves."""
+    return analyses.groove.efficiency
+
+
+@quantity("slip", place="pulley", needs="groove")
+def slip(analyses: DriveAnalyses, pulley: int) -> Scalar:
+    """Part by which one pulley's rim is slower than the driver's, of a belt in grooves."""
+    return analyses.groove.slip[pulley]
+
+
+@quantity("penetration", unit="m", place="pulley", needs="groove")
+def penetration(analyses: DriveAnalyses, pulley: int) -> Scalar:
+    """Greatest depth of the belt in the groove of one pulley."""
+    return analyses.groove.penetrations[pulley]
+
+
 @quantity("torque_factor", needs="friction")
 def torque_factor(analyses: DriveAnalyses) -> Scalar:
     """Factor on all torques at which the first pulley slips fully."""

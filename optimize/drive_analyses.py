@@ -9,6 +9,8 @@ from jaxtyping import Array, Bool, Float
 
 from beltjax.analysis.contact import ContactState, contact_state, maximum_moment
 from beltjax.analysis.damping import Damping
+from beltjax.analysis.groove import GrooveState, groove_state
+from beltjax.analysis.groove_methods import groove_method
 from beltjax.analysis.linearization import Linearization, linearize
 from beltjax.analysis.modes import Modes, modes
 from beltjax.analysis.motion import driver_speed
@@ -39,7 +41,7 @@ SPEEDS = 600 * np.pi / 30, 6000 * np.pi / 30  # of parametric resonance, of the 
 _TONGUE_MODES = 8  # whose pairs are looked at
 
 # Properties with a result.
-_CONTACT = "contact", "slipping"
+_CONTACT = "contact", "slipping", "groove"
 _VIBRATION = "modes", "response", "periodic", "margins", "tongues"
 
 
@@ -70,6 +72,12 @@ class DriveAnalyses:
     def slipping(self) -> ContactState:
         """The belt in contact with its pulleys, under the largest torques."""
         return maximum_moment(self.drive, self.point, throw=False)
+
+    @functools.cached_property
+    def groove(self) -> GrooveState:
+        """The belt in the grooves of its pulleys, under the operating point's torques."""
+        method = groove_method(self.drive)
+        return groove_state(self.drive, self.point, method, throw=False)
 
     @functools.cached_property
     def linearization(self) -> Linearization:

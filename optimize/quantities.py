@@ -18,6 +18,7 @@ from typing import Literal, NamedTuple, TypeVar
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from beltjax.analysis.groove_methods import unmet_groove
 from beltjax.analysis.linearization import has_inertias
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive
@@ -31,6 +32,7 @@ Need = Literal[
     "friction",
     "pulley friction",
     "falling friction",
+    "groove",
     "excited friction",
     "inertia",
     "excitation",
@@ -91,7 +93,8 @@ def quantity(
             a "mode" (from 0; names count from 1), or an "order" of the driver's speed. It is empty
             where the function takes the analyses alone.
         needs: what a drive must have: a "tensioner", "friction" of every pulley, "pulley
-            friction" of the one named, "falling friction" of that one and belts with damping,
+            friction" of the one named, "falling friction" of that one and belts with damping, a
+            "groove" of the belt and friction of its pulleys,
             "excited friction" of it and "excitation", "offset" of some pulley, "inertia" of every
             part, "excitation" and inertias, the "allowable tension" of every belt.
         many: whether it returns many numbers, which can be limited but not minimized.
@@ -242,6 +245,12 @@ def _needs_falling_friction(name: str, drive: Drive, places: Places) -> None:
         raise KeyError(f"{missing}; add it to the drive file")
 
 
+def _needs_groove(name: str, drive: Drive, places: Places) -> None:
+    unmet = unmet_groove(drive, None, False)
+    if unmet is not None:
+        raise KeyError(f"{name!r} is of a belt in grooves: {unmet.key} {unmet.message}")
+
+
 def _needs_excited_friction(name: str, drive: Drive, places: Places) -> None:
     _needs_pulley_friction(name, drive, places)
     _needs_inertia(name, drive, places)
@@ -265,6 +274,7 @@ _CHECKS: dict[Need, Callable[[str, Drive, Places], None]] = {
     "friction": _needs_friction,
     "pulley friction": _needs_pulley_friction,
     "falling friction": _needs_falling_friction,
+    "groove": _needs_groove,
     "excited friction": _needs_excited_friction,
     "offset": _needs_offset,
     "inertia": _needs_inertia,

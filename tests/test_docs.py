@@ -28,6 +28,7 @@ BLOCKS = {
     "exploration": 6,
     "extending": 5,
     "first_drive": 2,
+    "grooves": 4,
     "model": 1,
     "moving_beam": 4,
     "optimizing": 3,

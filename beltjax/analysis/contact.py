@@ -203,14 +203,14 @@ def unmet_need(drive: Drive, point: OperatingPoint, maximum: bool) -> UnmetNeed 
         single = len(drive.belts) == 1
         key = "belt.pitch" if single else f"belt.{toothed}.pitch"
         return UnmetNeed(key, _NO_SLIP if single else _NO_SLIP + _OF_OTHERS)
-    bare = _without_friction(drive, point, maximum)
+    bare = without_friction(drive, point, maximum)
     if bare is not None:
         message = "is missing; this pulley has torque, which friction holds"
         return UnmetNeed(f"pulley.{bare}.friction", message)
     return None
 
 
-def _without_friction(drive: Drive, point: OperatingPoint, maximum: bool) -> str | None:
+def without_friction(drive: Drive, point: OperatingPoint, maximum: bool) -> str | None:
     """Name of a pulley that has torque, the driver too, and no friction to hold it."""
 
     def turned(name: str) -> bool:
@@ -256,7 +256,7 @@ def contact_solution(
     made = belts_of_the_string(assembled(drive, point)._replace(drawn=drawn))
     drive, start = made.drive, _installed(made)
     base = start.tensions[0]
-    taken, scalable = _torques(made, base, maximum)
+    taken, scalable = scaled_torques(made, base, maximum)
     groups, scales = contact_groups(made, point, taken, base)
     model = contact_model(groups, law)
     rested, solved, installed = _solutions(made, groups, scales, model, start, maximum)
@@ -327,7 +327,7 @@ def _installed(made: Assembly) -> _Start:
     return _Start(tensions, at, lengths, springs_of.relaxed, bare, string.result)
 
 
-def _torques(
+def scaled_torques(
     made: Assembly, tension: Float[Array, ""], maximum: Float[Array, ""]
 ) -> tuple[Float[Array, " pulleys"], Bool[Array, ""]]:
     """Torques taken from the belts [N m], and whether there are any to scale."""

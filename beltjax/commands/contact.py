@@ -34,6 +34,11 @@ def _document() -> type["Document"]:
     show_default=True,
     help="Take this belt law; 'hyperelastic' conserves energy.",
 )
+@click.option(
+    "--limit",
+    type=click.Choice(["slip", "adhesion"]),
+    help="Of a belt in grooves, with --maximum: which limit is meant (slip unless given).",
+)
 @duty_option
 @json_option
 @figure_option
@@ -45,6 +50,7 @@ def contact(
     drive_file: str,
     maximum: bool,
     law: str,
+    limit: str | None,
     duty: str | None,
     json_path: str | None,
     figure: str | None,
@@ -56,7 +62,7 @@ def contact(
     def work(advance: Advance) -> "Report":
         from beltjax.commands.reports.contact import contact_report
 
-        return contact_report(drive_file, maximum, law, (figure, compare), si, duty)
+        return contact_report(drive_file, maximum, law, (figure, compare), si, duty, limit)
 
     answer(
         work, read=drive_file, json=json_path, pictures=(figure, compare), busy="solving contact"

@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 
 from beltjax.drive.components import as_complex, as_real
+from beltjax.drive.contact_given import ContactGiven
 from beltjax.drive.installation import TensionGiven
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.system import Drive, all_held
@@ -119,6 +120,7 @@ def _canonical_structure(structure: Any) -> Any:
         model=model,
         units=UnitsOfFile(),
         origin=(0.0, 0.0),
+        contact=ContactGiven(),
         **named,
     )
     return jax.tree.structure(renamed)

@@ -161,6 +161,20 @@ class Belt(Readable):
             at_least=0,
         ),
     )
+    wedge_angle: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number(
+            "rad", "between the flanks of its grooves", above=0, design=True, rare=True
+        ),
+    )
+    wedge_stiffness: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number(
+            "N/m^2", "side force per depth and length", above=0, design=True, rare=True
+        ),
+    )
     cushion_radial: Float[Array, ""] | None = eqx.field(
         converter=as_optional,
         default=None,
@@ -191,6 +205,10 @@ class Belt(Readable):
     standard_lengths: tuple[float, ...] = eqx.field(static=True, default=())
 
     def __check_init__(self):
+        if (self.wedge_angle is None) != (self.wedge_stiffness is None):
+            raise ValueError(
+                f"Belt {self.name!r}: wedge_angle and wedge_stiffness go together: give both."
+            )
         if (self.cushion_radial is None) != (self.cushion_shear is None):
             raise ValueError(
                 f"Belt {self.name!r}: cushion_radial and cushion_shear go together; give both."
@@ -259,6 +277,11 @@ class Pulley(Readable):
         default=None,
         metadata=number("m", "for clearance", above=0, largest_bare=LARGEST_BARE_RADIUS),
     )
+    wedge_angle: Float[Array, ""] | None = eqx.field(
+        converter=as_optional,
+        default=None,
+        metadata=number("rad", "of its own groove", above=0, design=True, rare=True),
+    )
     # Which pulley drives and which tensioner carries it are data, not structure: drives that
     # differ only there share one compiled function and may share a batch.
     driver: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)  # 1: its motion is given
@@ -266,6 +289,8 @@ class Pulley(Readable):
     on: Float[Array, " coordinates"] = eqx.field(converter=as_flags, default=())
     # 1: the accessory is bolted to the body that carries its pulley, 0: to the ground.
     housed: Float[Array, ""] = eqx.field(converter=as_real, default=0.0)
+    # 1: a belt that wedges does so here, 0: the rim is smooth; of a pulley on its back 0 anyway.
+    wedged: Float[Array, ""] = eqx.field(converter=as_real, default=1.0)
     # 0: the cords lie on this pulley itself, though the belt has a cushion.
     cushion: Float[Array, ""] = eqx.field(converter=as_real, default=1.0)
     # How friction falls from `friction_static`: data, too.

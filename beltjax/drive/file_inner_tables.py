@@ -17,7 +17,11 @@ INNER = {
             "unwinding": "friction_unwinding",
         },
     },
-    "belt": {"cushion": {"radial": "cushion_radial", "shear": "cushion_shear"}},
+    "belt": {
+        "cushion": {"radial": "cushion_radial", "shear": "cushion_shear"},
+        "groove": {"angle": "wedge_angle", "wedge_stiffness": "wedge_stiffness"},
+    },
+    "pulley": {"groove": {"angle": "wedge_angle"}},
 }
 _LABELS = {"tensioner": SINGLE}  # of a table without a name, where that is not its own word
 

@@ -221,6 +221,7 @@ def pulleys_of(wheels: Wheels, of: BodiesOfFile, path: object) -> list[Pulley]:
                 on=on,
                 housed=pulley.housing == "arm",
                 friction_law=pulley.friction_law,
+                wedged=pulley.wedged,
                 cushion=pulley.cushion,
                 belt=pulley.belt,
                 shaft=partner,
@@ -381,6 +382,7 @@ def _pulley_content(pulley: Pulley, crossed: bool) -> dict[str, Any]:
     content |= {"driver": True if float(pulley.driver) else None}
     content |= {"cushion": None if float(pulley.cushion) else False}
     content |= {"housing": "arm" if float(pulley.housed) else None}
+    content |= {"wedged": None if float(pulley.wedged) else False}
     return {key: value for key, value in content.items() if value is not None}
 
 

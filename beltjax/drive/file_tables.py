@@ -32,7 +32,7 @@ Two = Field(min_length=2, max_length=2)
 class BeltTable(Table):
     """[belt] or [[belt]]."""
 
-    translated = ("pitch_offset", "back_offset", "cushion")
+    translated = ("pitch_offset", "back_offset", "cushion", "groove")
     name: Annotated[str, meaning("of its own, where there are several")] = "belt"
     pitch: Annotated[
         Annotated[float, Field(gt=0)] | None,
@@ -63,7 +63,9 @@ class BeltTable(Table):
 class PulleyTable(Table):
     """[[pulley]]."""
 
-    translated = ("diameter", "effective_diameter", "smooth_diameter", "teeth", "groove_angle")
+    translated = (
+        *("diameter", "effective_diameter", "smooth_diameter", "teeth", "groove_angle", "groove"),
+    )
     name: Annotated[str, meaning("of its own")]
     face: Annotated[
         Literal["grooved", "back"],
@@ -79,6 +81,10 @@ class PulleyTable(Table):
             "carries its pulley, which then feels its torque"
         ),
     ] = "ground"
+    wedged: Annotated[
+        bool,
+        meaning("`false`, also written `groove = false`, where a belt with groove lies flat"),
+    ] = True
     cushion: Annotated[
         bool,
         meaning("`false` where the cords lie on the pulley itself, though the belt has a cushion"),
@@ -446,6 +452,23 @@ class ModelTable(Table):
     ] = None
 
 
+class ContactTable(Table):
+    """[contact]: how contact in grooves is computed; of a belt without grooves unused."""
+
+    model: Annotated[
+        Literal["full", "thin"],
+        meaning('`"full"` (default), or `"thin"`: formulas for a belt that sinks in little'),
+    ] = "full"
+    slip_velocity: Annotated[
+        Annotated[float, Field(gt=0, lt=0.1)],
+        meaning("sliding speed over the belt's below which friction is viscous; default 1e-5"),
+    ] = 1e-5
+    slip_limit: Annotated[
+        Annotated[float, Field(gt=0, lt=1)],
+        meaning("slip at which `--maximum` ends; default 0.05"),
+    ] = 0.05
+
+
 OneBody = Annotated[
     Annotated[RotaryTable, Tag("RotaryTable")]
     | Annotated[LinearTable, Tag("LinearTable")]
@@ -506,6 +529,7 @@ class DriveTable(Table):
     duty: Annotated[list[DutyTable], Field(default_factory=list)]
     excitation: ExcitationTable | None = None
     model: Annotated[ModelTable, Field(default_factory=ModelTable)]
+    contact: Annotated[ContactTable, Field(default_factory=ContactTable)]
 
     @property
     def belts(self) -> list[BeltTable]:

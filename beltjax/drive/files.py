@@ -10,6 +10,7 @@ import tomli_w
 
 from beltjax.drive.buildable import require_possible_layout
 from beltjax.drive.components import ArmSpring, Model, Tensioner, as_real
+from beltjax.drive.contact_given import ContactGiven
 from beltjax.drive.file_bodies import (
     BodiesOfFile,
     between,
@@ -17,6 +18,7 @@ from beltjax.drive.file_bodies import (
     read_bodies,
     require_one_arm,
 )
+from beltjax.drive.file_grooves import grooves_checked
 from beltjax.drive.file_inner_tables import inner_tables_as_numbers
 from beltjax.drive.file_makers_data import in_terms_of_the_drive, pitch_offsets
 from beltjax.drive.file_operation import (
@@ -188,6 +190,7 @@ def _described(
     """
     require_one_arm(content, path)
     near, origin = near_the_origin(content)
+    near = grooves_checked(near, path)
     plain = springs_as_positions(in_terms_of_the_drive(near, path), path)
     plain = inner_tables_as_numbers(plain, path)
     file = validated(DriveTable, completed(plain), path)
@@ -204,6 +207,7 @@ def _described(
         isolators=isolators_of(file, wheels, path),
         dampers=dampers_of(file, wheels, path),
         model=_model(file),
+        contact=ContactGiven(**file.contact.model_dump()),
         name=file.name,
         gravity=file.number("gravity"),
         origin=origin if file.origin is None else (file.origin[0], file.origin[1]),
@@ -263,8 +267,15 @@ def drive_content(
         "operation": operation_content(point),
         "duty": duties_content(point, duties or {}) or None,
         "excitation": excitation_content(point),
+        "contact": contact_content(drive) or None,
     }
     return {key: value for key, value in content.items() if value is not None}
+
+
+def contact_content(drive: Drive) -> dict[str, Any]:
+    """The settings of contact that differ from the defaults."""
+    given, usual = drive.contact._asdict(), ContactGiven()._asdict()
+    return {key: value for key, value in given.items() if value != usual[key]}
 
 
 def _tensioners(of: BodiesOfFile) -> list[Tensioner]:

@@ -23,6 +23,8 @@ def numbers_are_usable(drive: Drive, point: OperatingPoint) -> Bool[Array, ""]:
     positive: list[Any] = [drive.radii]
     positive += [belt.axial_stiffness for belt in drive.belts]
     positive += [belt.mass_per_length for belt in drive.belts]
+    wedges = [(belt.wedge_angle, belt.wedge_stiffness) for belt in drive.belts]
+    positive += [number for pair in wedges for number in pair if number is not None]
     if isinstance(rule, TensionGiven):
         positive.append(rule.tension)
     elif not isinstance(rule, Preloaded):

@@ -13,6 +13,7 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
+from beltjax.drive.contact_given import ContactGiven
 from beltjax.drive.units_of_file import UnitsOfFile
 from beltjax.files.fields import numbers
 from beltjax.results import RESULTS, code, outcomes
@@ -64,6 +65,14 @@ _UNITS_OF_RESULTS = {
     "release": "m",
     "capture": "m",
     "entry_angles": "rad",
+    "loss": "W",
+    "power_in": "W",
+    "power_out": "W",
+    "penetrations": "m",
+    "span_speeds": "m/s",
+    "mass_flow": "kg/s",
+    "energy_balance": "W",
+    "moment_balance": "N m",
     "hertz": "Hz",
 }
 
@@ -171,7 +180,9 @@ def _rows(module: Readable) -> Iterator[tuple[str, str, str]]:
     for field in dataclasses.fields(module):
         name, value = field.name, getattr(module, field.name)
         fact = numbers(type(module)).get(name)
-        if isinstance(value, UnitsOfFile) or (fact and fact.kinds and kind not in fact.kinds):
+        if isinstance(value, UnitsOfFile | ContactGiven) or (
+            fact and fact.kinds and kind not in fact.kinds
+        ):
             continue
         if isinstance(value, dict):
             for key, item in value.items():

@@ -25,6 +25,7 @@ from beltjax.drive.components import (
     concrete,
     require_shape,
 )
+from beltjax.drive.contact_given import ContactGiven
 from beltjax.drive.installation import BeltGiven, Installation, TensionGiven
 from beltjax.drive.readable import Readable
 from beltjax.drive.units_of_file import UnitsOfFile
@@ -68,6 +69,8 @@ class Drive(Readable):
     sense: Float[Array, "*belts"] = eqx.field(converter=as_sense)  # of several belts, each
     name: str = eqx.field(static=True)
     units: UnitsOfFile = eqx.field(static=True)  # in which the drive's file gives its numbers
+    # How contact in grooves is computed where nothing else is said.
+    contact: ContactGiven = eqx.field(static=True, default=ContactGiven())
     # The point of the site from which all coordinates are counted [m].
     origin: tuple[float, float] = eqx.field(static=True, default=(0.0, 0.0))
     gravity: Float[Array, "2"] | None = eqx.field(
@@ -106,6 +109,7 @@ class Drive(Readable):
         units: UnitsOfFile | None = None,
         gravity: Any = None,
         origin: tuple[float, float] = (0.0, 0.0),
+        contact: ContactGiven | None = None,
     ):
         if installation is None:
             raise ValueError("A drive needs an installation: TensionGiven, BeltGiven or another.")
@@ -126,6 +130,7 @@ class Drive(Readable):
         self.model = Model() if model is None else model
         self.sense, self.name, self.gravity = sense, name, gravity
         self.origin = (float(origin[0]), float(origin[1]))
+        self.contact = ContactGiven() if contact is None else contact
 
     def __check_init__(self):
         if not self.belts:

@@ -12,7 +12,7 @@ belt, in any consistent units:
     q      coordinates of the bodies that carry pulleys
     turn   angle by which a pulley turns the belt from one span to the next
 
-docs/theory/grooves.md, (A2) and (A4).
+docs/theory/grooves.md, (W8) and (W9).
 """
 
 from typing import NamedTuple
@@ -91,7 +91,7 @@ def _turns(along_x: Spans, along_y: Spans, frame: Frame) -> Pulleys:
 
 
 def moments(P: Spans, chi_in: Pulleys, chi_out: Pulleys, frame: Frame) -> Pulleys:
-    """Moments about the pulleys' axes that the pulleys take from the belt (A2)."""
+    """Moments about the pulleys' axes that the pulleys take from the belt (W8)."""
     P_in = frame.loops.preceding(P)
     return jnp.abs(frame.rho) * (P * jnp.cos(chi_out) - P_in * jnp.cos(chi_in))
 

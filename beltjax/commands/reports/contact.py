@@ -47,6 +47,15 @@ from beltjax.results import RESULTS, explanation, succeeded
 _OF_TRAVEL = RESULTS.contact_pressure_lost, RESULTS.contact_not_found, RESULTS.span_slack
 
 
+class BlurPart(Part):
+    """Estimated errors by the sliding speed below which friction is viscous."""
+
+    moment: Maybe = meaning("N m")
+    slip: Maybe = meaning("of slip")
+    loss: Maybe = meaning("W")
+    penetration: Maybe = meaning("m")
+
+
 class TouchedPulleyPart(Part):
     """A pulley and the belt on it."""
 
@@ -57,8 +66,29 @@ class TouchedPulleyPart(Part):
     moment: Maybe = meaning("N m, taken from the belt; the driver's is negative")
     speed: Maybe = meaning("rad/s, counterclockwise")
     contact_radius: Maybe = meaning(
-        "of the belt at contact over the pulley's; 1 unless it touches at one point"
+        "of the belt at contact over the pulley's; 1 unless it touches at one point, or of a belt "
+        "in grooves sinks in"
     )
+    seating_deg: Maybe = meaning("of a belt in grooves; likewise what follows", default=None)
+    sliding_deg: Maybe = meaning("the same as slip_deg", default=None)
+    unseating_deg: Maybe = meaning("where the belt leaves the groove", default=None)
+    penetration_max: Maybe = meaning("m", default=None)
+    entry_angle_deg: Maybe = meaning("of the belt to the pulley's circle", default=None)
+    exit_angle_deg: Maybe = meaning("likewise, where it leaves", default=None)
+    loss: Maybe = meaning("W, of sliding", default=None)
+    slip: Maybe = meaning("part by which the rim is slower than the driver's", default=None)
+    blur: BlurPart | None = meaning(
+        "how far friction, viscous at slow sliding, moves numbers", default=None
+    )
+
+
+class PowerPart(Part):
+    """Powers of a belt in grooves: W."""
+
+    input: Maybe = meaning("of the driver")
+    output: Maybe = meaning("that the accessories take")
+    friction_loss: Maybe = meaning("of sliding on all pulleys")
+    balance: Maybe = meaning("what is missing: an error of the computation")
 
 
 class FreeSpanPart(Part):
@@ -109,6 +139,19 @@ class ContactDocument(PointDocument):
     unstretched_speed: Maybe = meaning("m/s, of the unstretched belt")
     mass_flow: Maybe = meaning("kg/s")
     message: str = meaning("why it is not feasible, or empty")
+    power: PowerPart | None = meaning("of a belt in grooves", default=None)
+    torque_loss: Maybe = meaning(
+        "N m at the driver: its moment less what ideal pulleys of these radii would need; of a "
+        "belt in grooves",
+        default=None,
+    )
+    slip_velocity: Maybe = meaning(
+        "sliding speed over the belt's below which friction is viscous; of a belt in grooves",
+        default=None,
+    )
+    limit: Literal["slip", "adhesion"] | None = meaning(
+        "which limit --maximum went to; of a belt in grooves", default=None
+    )
 
 
 def contact_report(
@@ -118,6 +161,7 @@ def contact_report(
     pictures: tuple[str | None, str | None] = (None, None),
     si: bool = False,
     duty: str | None = None,
+    limit: str | None = None,
 ) -> Report:
     """The contact state of one drive file, under its torques or under the largest.
 
@@ -132,6 +176,17 @@ def contact_report(
     except ValueError as error:
         raise FileError("--law", "", str(error).rstrip(".")) from error
     drive, point, at = read_drive(path, duty)
+    if drive.belt.wedge_angle is not None:
+        from beltjax.commands.reports.groove import groove_report
+
+        asked = (limit or "slip") if maximum else None
+        if limit is not None and not maximum:
+            raise FileError("--limit", "", "belongs to --maximum; add that, or leave it out")
+        if law != "kong":
+            raise FileError("--law", "", "belongs to a belt without groove; leave it out")
+        return groove_report(path, (drive, point, at), asked, pictures, si)
+    if limit is not None:
+        raise FileError("--limit", "", "belongs to a belt with groove; leave it out")
     unmet = unmet_need(drive, point, maximum)
     if unmet is not None:
         raise FileError(path, unmet.key, unmet.message)

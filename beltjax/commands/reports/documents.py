@@ -33,7 +33,8 @@ class WarningPart(Part):
     code: str = meaning(
         "`number_without_unit`, `belt_stiff_on_pulley`, `tensioner_moves_far`, "
         "`load_outside_table`, `span_slackens`, `orbit_unstable`, `span_slack_in_motion`, "
-        "`slope_too_large`, `belt_slips_in_motion`, `grazing` (members of `bj.RESULTS`), "
+        "`slope_too_large`, `belt_slips_in_motion`, `grazing`, `friction_blurred` "
+        "(members of `bj.RESULTS`), "
         "`tension_above_allowable`, `belt_slips`, `damper_on_given_motion`, "
         "`damping_joins_clutch`, `cushion_left_out` or `modes_left_out`"
     )
