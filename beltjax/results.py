@@ -326,8 +326,8 @@ else:
             "that pulley or its wrap, or take a belt of lower bending stiffness."
         )
         gross_slip = (
-            "A pulley slips over its whole arc of contact: `slips` beside `wraps` shows which. Lower "
-            "the torques, raise the tension, or give that pulley more wrap or friction."
+            "A pulley slips over its whole arc of contact: `slips` beside `wraps` shows which. "
+            "Lower the torques, raise the tension, or give that pulley more wrap or friction."
         )
         cushion_too_soft = (
             "The belt sinks through its cushion: the pull on a pulley of radius R is above half of "

@@ -254,7 +254,8 @@ def solve_exact(model: CushionModel, given: Given, guess: Array, elements: int) 
         part = jnp.minimum(1.0, 1 / size)
         z = jax.tree.map(lambda a, b: a + part * b, state.arcs.z, move.z)
         arcs = state.arcs._replace(z=z)
-        return _Search(state.x + part * move.x, arcs, size, move.residual, state.steps + 1)
+        left = jnp.maximum(move.residual, jnp.max(steps.residual))
+        return _Search(state.x + part * move.x, arcs, size, left, state.steps + 1)
 
     def going(state: _Search) -> Bool[Array, ""]:
         return (state.size > _CLOSE) & (state.steps < _MOST_STEPS) & (state.size < 1e6)

@@ -36,15 +36,6 @@ class Flanks(NamedTuple):
     eps: Scalar
 
 
-class GrooveEnds(NamedTuple):
-    """What spans and belt prescribe at the ends of an arc."""
-
-    P_in: Scalar
-    P_out: Scalar
-    turn: Scalar
-    g: Scalar
-
-
 class Sliding(NamedTuple):
     """Forces and sliding of the belt at a point; forces are per current length."""
 

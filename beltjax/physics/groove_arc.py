@@ -4,7 +4,7 @@ The arc lies on [0, 1]; unknowns are y = (xi/0.01, chi, P) along it and p = (spa
 letters of `physics.groove`. docs/theory/grooves.md, (W6), (W7) and (W10).
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,32 +14,23 @@ from beltjax.numerics.bvp.collocation import (
     Interval,
     Mesh,
     Problem,
-    Residual,
     Unknowns,
     evaluated,
-    factored,
     interval_lengths,
     remesh,
     residual,
-    solve_factored,
     stage_values,
 )
 from beltjax.numerics.bvp.condensed import step_and_responses
 from beltjax.numerics.bvp.gauss import gauss
 from beltjax.numerics.bvp.mesh import equidistribute
-from beltjax.physics.groove import Flanks, GrooveEnds, Sliding, sliding, slopes
+from beltjax.physics.groove import Flanks, Sliding, sliding, slopes
+from beltjax.physics.inclined_arcs import PRESCRIBED, Arc, ArcEnds, ArcStep
 
 Scalar = Float[Array, ""]
 STAGES = 3
 DEEP = 0.01  # unit of xi, so that all unknowns are of order 0.1 to 1
 FLOOR = 0.15  # share of the nodes that is spread evenly
-
-
-class GrooveArc(NamedTuple):
-    """The belt along one groove, on its mesh."""
-
-    mesh: Mesh
-    z: Unknowns
 
 
 class Passed(NamedTuple):
@@ -60,18 +51,18 @@ class Integrals(NamedTuple):
     moment: Scalar  # of the friction, taken from the belt
 
 
-def arc_problem(of: Flanks, ends: GrooveEnds) -> Problem:
+def arc_problem(of: Flanks, ends: ArcEnds) -> Problem:
     """The two-point problem of one arc."""
     unit = Interval(jnp.zeros(()), jnp.ones(()))
     return Problem(_along, _conditions, unit, (of, ends), None)
 
 
-def _along(_: Scalar, y: Array, p: Array, args: tuple[Flanks, GrooveEnds]) -> Array:
+def _along(_: Scalar, y: Array, p: Array, args: tuple[Flanks, ArcEnds]) -> Array:
     deep, chi, P = slopes(DEEP * y[0], y[1], y[2], p[1], p[2], args[0])
     return p[0] * jnp.stack([deep / DEEP, chi, P])
 
 
-def _conditions(first: Array, last: Array, p: Array, args: tuple[Flanks, GrooveEnds]) -> Array:
+def _conditions(first: Array, last: Array, p: Array, args: tuple[Flanks, ArcEnds]) -> Array:
     ends = args[1]
     return jnp.stack(
         [
@@ -90,7 +81,7 @@ def seating_stiffness(of: Flanks) -> Scalar:
     return 2 * of.K * jnp.tan(of.beta + jnp.arctan(of.mu))
 
 
-def first_arc(of: Flanks, ends: GrooveEnds, elements: int) -> GrooveArc:
+def first_arc(of: Flanks, ends: ArcEnds, elements: int) -> Arc:
     """A start: the belt adheres but for layers at both ends, with the tension of a flat belt."""
     stiffness = seating_stiffness(of) * of.R**2
     rate = jnp.sqrt(stiffness / ends.P_in)
@@ -109,7 +100,7 @@ def first_arc(of: Flanks, ends: GrooveEnds, elements: int) -> GrooveArc:
     K = jax.vmap(jax.vmap(jax.jacfwd(shape), out_axes=1))(fractions)
     speed = (of.EA + ends.P_in) / (of.EA - ends.g) * (1 + ends.P_in / stiffness)
     p = jnp.stack([ends.turn, speed, ends.g])
-    return GrooveArc(mesh, Unknowns(jax.vmap(shape, out_axes=1)(mesh), K, p))
+    return Arc(mesh, Unknowns(jax.vmap(shape, out_axes=1)(mesh), K, p))
 
 
 def states(y: Float[Array, "3 *at"], p: Float[Array, "3"], of: Flanks) -> Sliding:
@@ -117,7 +108,7 @@ def states(y: Float[Array, "3 *at"], p: Float[Array, "3"], of: Flanks) -> Slidin
     return sliding(DEEP * y[0], y[1], y[2], p[1], p[2], of)
 
 
-def moved_arc(arc: GrooveArc, of: Flanks) -> GrooveArc:
+def moved_arc(arc: Arc, of: Flanks) -> Arc:
     """The same arc on a mesh that follows its layers and the turning of the friction (W10)."""
     y, at = arc.z.y, states(arc.z.y, arc.z.p, of)
 
@@ -131,28 +122,20 @@ def moved_arc(arc: GrooveArc, of: Flanks) -> GrooveArc:
     density = parts / widths + FLOOR * jnp.sum(parts)
     mesh = equidistribute(arc.mesh, density)
     unit = Interval(jnp.zeros(()), jnp.ones(()))
-    return GrooveArc(mesh, remesh(unit, arc.mesh, arc.z, mesh, gauss(STAGES)))
+    return Arc(mesh, remesh(unit, arc.mesh, arc.z, mesh, gauss(STAGES)))
 
 
-class GrooveStep(NamedTuple):
-    """What a Newton step takes off for ends held as they are, and the response to each of them."""
-
-    base: Unknowns
-    response: Unknowns  # leading axis: P_in, P_out, turn, g
-    residual: Scalar
-
-
-def arc_step(arc: GrooveArc, of: Flanks, ends: GrooveEnds) -> GrooveStep:
+def groove_step(arc: Arc, of: Flanks, ends: ArcEnds) -> ArcStep:
     """One linearization of the arc."""
     problem = arc_problem(of, ends)
     left = residual(problem, arc.mesh, arc.z)
     local = evaluated(problem, arc.mesh, arc.z)
     # The ends enter the last four conditions, each with the factor -1.
     base, response = step_and_responses(
-        problem.interval, arc.mesh, arc.z, local, left, jnp.eye(6)[2:]
+        problem.interval, arc.mesh, arc.z, local, left, jnp.eye(6)[-PRESCRIBED:]
     )
     size = jnp.maximum(jnp.max(jnp.abs(left.joints)), jnp.max(jnp.abs(left.stages)))
-    return GrooveStep(base, response, jnp.maximum(size, jnp.max(jnp.abs(left.conditions))))
+    return ArcStep(base, response, jnp.maximum(size, jnp.max(jnp.abs(left.conditions))))
 
 
 def passed(z: Unknowns, mesh: Mesh, of: Flanks) -> Passed:
@@ -175,35 +158,3 @@ def integrals(z: Unknowns, mesh: Mesh, of: Flanks) -> Integrals:
         loss=jnp.sum(length * at.loss),
         moment=-jnp.sum(length * radius * at.f),
     )
-
-
-@jax.custom_jvp
-def solved_arc(numbers: tuple[Flanks, GrooveEnds], arc: GrooveArc) -> Unknowns:
-    """The unknowns of a converged arc, as functions of groove and ends on a mesh that is held.
-
-    The slopes by each of the numbers are taken once, from the equations (W6) and (W7); a second
-    derivative is not that of the equations.
-    """
-    return arc.z
-
-
-@solved_arc.defjvp
-def _solved_arc_jvp(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Any, Any]:
-    (numbers, arc), (moved, _) = primals, tangents
-    flat, structure = jax.tree.flatten(numbers)
-    values = jnp.stack(flat)
-
-    def left(values: Array) -> Residual:
-        of, ends = jax.tree.unflatten(structure, list(values))
-        return residual(arc_problem(of, ends), arc.mesh, arc.z)
-
-    problem = arc_problem(*numbers)
-    _, factor = factored(problem.interval, arc.mesh, arc.z, evaluated(problem, arc.mesh, arc.z))
-
-    def response(row: Array) -> Unknowns:
-        _, change = jax.jvp(left, (values,), (row,))
-        return solve_factored(factor, jax.tree.map(jnp.negative, change))
-
-    by_each = jax.vmap(response)(jnp.eye(len(flat)))
-    by = jnp.stack([jnp.asarray(x) for x in jax.tree.leaves(moved)])
-    return arc.z, jax.tree.map(lambda x: jnp.tensordot(by, x, 1), by_each)

@@ -20,21 +20,20 @@ from beltjax.compiling.batched_loops import in_lanes_of
 from beltjax.numerics.bvp.collocation import Unknowns
 from beltjax.numerics.derivative_rules import frozen_unless, without_slopes
 from beltjax.numerics.rigid_bodies import Coordinates
-from beltjax.numerics.roots import implicit_solution, solve_dense
+from beltjax.numerics.roots import implicit_solution
 from beltjax.physics.contact import BeltMotion
-from beltjax.physics.groove import Flanks, GrooveEnds
+from beltjax.physics.groove import Flanks
 from beltjax.physics.groove_arc import (
-    GrooveArc,
-    GrooveStep,
     Passed,
-    arc_step,
+    arc_problem,
     first_arc,
+    groove_step,
     moved_arc,
     passed,
     seating_stiffness,
-    solved_arc,
     states,
 )
+from beltjax.physics.inclined_arcs import Arc, ArcEnds, joint_step, solved_arc
 from beltjax.physics.inclined_spans import (
     Frame,
     InclinedSpans,
@@ -117,10 +116,10 @@ class SolvedGrooves(NamedTuple):
 
     unknown: GrooveUnknown
     loop: GrooveLoop
-    arcs: GrooveArc  # each leaf [n]; of flat pulleys a placeholder
+    arcs: Arc  # each leaf [n]; of flat pulleys a placeholder
     held: GrooveBelt
     grooves: Flanks
-    ends: GrooveEnds
+    ends: ArcEnds
     converged: Bool[Array, ""]
     residual: Scalar
     steps: Int[Array, ""]
@@ -133,18 +132,18 @@ class Coarser(NamedTuple):
 
     unknown: GrooveUnknown
     loop: GrooveLoop
-    arcs: GrooveArc
+    arcs: Arc
     grooves: Flanks
 
 
-def flat_groove(R: Pulleys, tension: Scalar, EA: Scalar, eps: Scalar) -> tuple[Flanks, GrooveEnds]:
+def flat_groove(R: Pulleys, tension: Scalar, EA: Scalar, eps: Scalar) -> tuple[Flanks, ArcEnds]:
     """A groove and ends that are easy to solve, in the place of those of a flat pulley."""
     one = jnp.ones_like(R)
     beta, mu = 0.35 * one, 0.3 * one
     K = 50 * tension / (R**2 * 2 * jnp.tan(beta + jnp.arctan(mu)))
     EA = jnp.broadcast_to(EA, R.shape)
     groove = Flanks(R, beta, mu, K, EA, eps * one)
-    return groove, GrooveEnds(tension * one, tension * one, 2.5 * one, 0 * one)
+    return groove, ArcEnds(tension * one, tension * one, 2.5 * one, 0 * one)
 
 
 def at_rest(model: GrooveModel) -> GrooveModel:
@@ -159,11 +158,11 @@ def _with_eps(model: GrooveModel, eps: Scalar) -> GrooveModel:
     return model._replace(grooves=model.grooves._replace(eps=spread))
 
 
-def ends_of(unknown: GrooveUnknown, model: GrooveModel) -> GrooveEnds:
+def ends_of(unknown: GrooveUnknown, model: GrooveModel) -> ArcEnds:
     """What each arc is given; flat pulleys are given what `flat_groove` is."""
     P = unknown.P
     g = jnp.broadcast_to(unknown.g, P.shape)
-    ends = GrooveEnds(model.frame.loops.preceding(P), P, unknown.turn, g)
+    ends = ArcEnds(model.frame.loops.preceding(P), P, unknown.turn, g)
     nominal = flat_groove(model.grooves.R, jnp.ones(()), model.EA, jnp.ones(()))[1]
     return jax.tree.map(lambda a, b: jnp.where(model.flat > 0, a, b), nominal, ends)
 
@@ -239,7 +238,7 @@ def equations(
     return residuals, loop
 
 
-def adhering(arcs: GrooveArc, model: GrooveModel) -> Scalar:
+def adhering(arcs: Arc, model: GrooveModel) -> Scalar:
     """Log of the least sliding speed over that at which adhesion is said to end, of the worst."""
     at = jax.vmap(states)(arcs.z.y, arcs.z.p, model.grooves)
     least = jnp.min(jnp.log(at.w[:, 1:-1] / slow(model.grooves.eps)[:, None]), axis=1)
@@ -251,7 +250,7 @@ class _GrooveSearch(NamedTuple):
     """A search by Newton's method at one level of eps."""
 
     unknown: GrooveUnknown
-    arcs: GrooveArc
+    arcs: Arc
     size: Scalar  # of the whole last step, over the largest that is taken
     part: Scalar  # of the step that is taken
     residual: Scalar
@@ -275,55 +274,27 @@ def unpacked(x: Array, like: GrooveUnknown) -> GrooveUnknown:
     return GrooveUnknown(*(x.reshape(jnp.shape(of)) for x, of in zip(parts, like, strict=True)))
 
 
-def _responding(
-    unknown: GrooveUnknown, arcs: GrooveArc, steps: GrooveStep, model: GrooveModel, task: GrooveTask
-) -> tuple[Array, Array]:
-    """Residual and slopes of the drive's equations by its unknowns, the arcs following."""
-
-    def along(dz: Unknowns) -> tuple[Passed, Unknowns]:
-        _, change = jax.jvp(
-            lambda z: jax.vmap(passed)(z, arcs.mesh, model.grooves), (arcs.z,), (dz,)
-        )
-        return change, dz
-
-    def met(x: Array, at: Passed, z: Unknowns) -> Array:
-        unknown = unpacked(x, start)
-        mixed = chosen(model, flat_arc(unknown, model), at)
-        return equations(unknown, mixed, adhering(arcs._replace(z=z), model), model, task)[0]
-
-    start = unknown
-    x = packed(unknown)
-    at = jax.vmap(passed)(arcs.z, arcs.mesh, model.grooves)
-    base, moved = along(jax.tree.map(jnp.negative, steps.base))
-    value, shift = jax.jvp(lambda at, z: met(x, at, z), (at, arcs.z), (base, moved))
-
-    def column(row: Array) -> Array:
-        _, ends = jax.jvp(lambda x: ends_of(unpacked(x, start), model), (x,), (row,))
-        dz = jax.tree.map(
-            lambda r: jnp.einsum("kn,nk...->n...", jnp.stack(ends), r), steps.response
-        )
-        at_dot, z_dot = along(dz)
-        return jax.jvp(met, (x, at, arcs.z), (row, at_dot, z_dot))[1]
-
-    slopes = jax.vmap(column, out_axes=-1)(jnp.eye(len(x)))
-    return value + shift, slopes
-
-
 def _newton(state: _GrooveSearch, model: GrooveModel, task: GrooveTask) -> _GrooveSearch:
     unknown, arcs = state.unknown, state.arcs
-    steps = jax.vmap(arc_step)(arcs, model.grooves, ends_of(unknown, model))
-    value, slopes = _responding(unknown, arcs, steps, model, task)
-    move = -solve_dense(slopes, value)
-    _, ends = jax.jvp(lambda x: ends_of(unpacked(x, unknown), model), (packed(unknown),), (move,))
-    flat = model.flat > 0
+    steps = jax.vmap(groove_step)(arcs, model.grooves, ends_of(unknown, model))
 
-    def changed(base: Array, response: Array) -> Array:
-        whole = jnp.einsum("kn,nk...->n...", jnp.stack(ends), response) - base
+    def met(x: Array, z: Unknowns) -> Array:
+        moved = unpacked(x, unknown)
+        at = jax.vmap(passed)(z, arcs.mesh, model.grooves)
+        mixed = chosen(model, flat_arc(moved, model), at)
+        return equations(moved, mixed, adhering(arcs._replace(z=z), model), model, task)[0]
+
+    def ends(x: Array) -> ArcEnds:
+        return ends_of(unpacked(x, unknown), model)
+
+    move, flat = joint_step(packed(unknown), arcs, steps, ends, met), model.flat > 0
+
+    def kept(change: Array) -> Array:
         # What stands in the place of a smooth pulley stays as it is.
-        return jnp.where(flat.reshape(-1, *(1,) * (whole.ndim - 1)), 0.0, whole)
+        return jnp.where(flat.reshape(-1, *(1,) * (change.ndim - 1)), 0.0, change)
 
-    dz = jax.tree.map(changed, steps.base, steps.response)
-    d = unpacked(move, unknown)
+    dz = jax.tree.map(kept, move.z)
+    d = unpacked(move.x, unknown)
     size = _size(d, dz, unknown, arcs)
     # Steps that hardly become shorter jump across the turn of the friction: half of one does not.
     slower = (size > (1 - 0.5 * state.part) * state.size) & (size > 1e-3)
@@ -334,14 +305,12 @@ def _newton(state: _GrooveSearch, model: GrooveModel, task: GrooveTask) -> _Groo
         arcs=arcs._replace(z=jax.tree.map(lambda a, b: a + part * b, arcs.z, dz)),
         size=size,
         part=part,
-        residual=jnp.maximum(
-            jnp.max(jnp.abs(value)), jnp.max(jnp.where(flat, 0.0, steps.residual))
-        ),
+        residual=jnp.maximum(move.residual, jnp.max(jnp.where(flat, 0.0, steps.residual))),
         steps=state.steps + 1,
     )
 
 
-def _size(d: GrooveUnknown, dz: Unknowns, unknown: GrooveUnknown, arcs: GrooveArc) -> Scalar:
+def _size(d: GrooveUnknown, dz: Unknowns, unknown: GrooveUnknown, arcs: Arc) -> Scalar:
     """A step over the largest that is taken at once: 0.15 rad, two fifths of a tension, ..."""
     sizes = [
         jnp.max(jnp.abs(dz.y[:, 1])) / 0.15,
@@ -358,9 +327,9 @@ class _GrooveLevel(NamedTuple):
     """The way down in eps."""
 
     unknown: GrooveUnknown
-    arcs: GrooveArc
+    arcs: Arc
     eps: Scalar  # of these two
-    before: tuple[GrooveUnknown, GrooveArc, Scalar]  # of the level before
+    before: tuple[GrooveUnknown, Arc, Scalar]  # of the level before
     step: Scalar  # log of the ratio of levels
     done: Bool[Array, ""]
     residual: Scalar
@@ -391,7 +360,7 @@ def _in_turn(elements: int) -> Callable[..., Any]:
 
 def _searched(
     elements: int, held_model: GrooveModel, task: GrooveTask, start: GrooveUnknown
-) -> tuple[GrooveUnknown, GrooveArc, tuple[Any, ...]]:
+) -> tuple[GrooveUnknown, Arc, tuple[Any, ...]]:
     """The root, its arcs, and the evidence for it; without derivatives."""
     # The limit of adhesion is at the factor that is given: whoever finds it calls this repeatedly.
     held_task = task._replace(limit=jnp.where(task.limit == 2, 0.0, task.limit))
@@ -471,7 +440,7 @@ def _searched(
     return end.unknown, end.arcs, (end.done, end.residual, end.steps, end.eps, before)
 
 
-def _coarser(unknown: GrooveUnknown, arcs: GrooveArc, model: GrooveModel) -> Coarser:
+def _coarser(unknown: GrooveUnknown, arcs: Arc, model: GrooveModel) -> Coarser:
     at = jax.vmap(passed)(arcs.z, arcs.mesh, model.grooves)
     at = chosen(model, flat_arc(unknown, model), at)
     return Coarser(unknown, loop_of(unknown, at, model), arcs, model.grooves)
@@ -484,18 +453,20 @@ def chosen(model: GrooveModel, flat: Passed, grooved: Passed) -> Passed:
 
 def _with_derivatives(
     found: GrooveUnknown,
-    arcs: GrooveArc,
+    arcs: Arc,
     model: GrooveModel,
     task: GrooveTask,
     evidence: tuple[Any, ...],
 ) -> SolvedGrooves:
     good, residual, count, last, coarser = evidence
 
-    def function(x: Array, args: tuple[GrooveModel, GrooveTask, GrooveArc]) -> tuple[Array, Any]:
+    def function(x: Array, args: tuple[GrooveModel, GrooveTask, Arc]) -> tuple[Array, Any]:
         model, task, arcs = args
         unknown = unpacked(x, found)
         ends = ends_of(unknown, model)
-        z = jax.vmap(solved_arc)((model.grooves, ends), arcs)
+        z = jax.vmap(lambda of, ends, arc: solved_arc(arc_problem, (of, ends), arc))(
+            model.grooves, ends, arcs
+        )
         at = jax.vmap(passed)(z, arcs.mesh, model.grooves)
         at = chosen(model, flat_arc(unknown, model), at)
         value, loop = equations(unknown, at, adhering(arcs._replace(z=z), model), model, task)

@@ -12,8 +12,9 @@ from jaxtyping import Array, Float
 from beltjax.numerics.bvp.collocation import Interval, interpolate, stage_values
 from beltjax.numerics.bvp.gauss import gauss
 from beltjax.physics.groove import Flanks
-from beltjax.physics.groove_arc import DEEP, STAGES, GrooveArc, integrals, states
+from beltjax.physics.groove_arc import DEEP, STAGES, integrals, states
 from beltjax.physics.groove_drive import GrooveLoop, GrooveModel, GrooveUnknown, slow
+from beltjax.physics.inclined_arcs import Arc
 
 Scalar = Float[Array, ""]
 Pulleys = Float[Array, " n"]
@@ -42,7 +43,7 @@ class GrooveMeasures(NamedTuple):
 
 
 def measures(
-    unknown: GrooveUnknown, loop: GrooveLoop, arcs: GrooveArc, grooves: Flanks, model: GrooveModel
+    unknown: GrooveUnknown, loop: GrooveLoop, arcs: Arc, grooves: Flanks, model: GrooveModel
 ) -> GrooveMeasures:
     """The numbers of a drive."""
     along = jax.vmap(integrals)(arcs.z, arcs.mesh, grooves)
@@ -98,7 +99,7 @@ def _flat_slip(P: Pulleys, before: Pulleys, model: GrooveModel) -> Pulleys:
     return side * jnp.log(P / before) / model.mu
 
 
-def arc_zones(arc: GrooveArc, of: Flanks) -> Float[Array, "4"]:
+def arc_zones(arc: Arc, of: Flanks) -> Float[Array, "4"]:
     """Seating, adhesion, sliding and unseating of one arc [rad], by definition (W13)."""
     places, y = dense(arc)
     phi, at = arc.z.p[0] * places, states(y, arc.z.p, of)
@@ -134,7 +135,7 @@ def arc_zones(arc: GrooveArc, of: Flanks) -> Float[Array, "4"]:
     return jnp.stack([start, adheres, end - start - adheres, phi[-1] - end])
 
 
-def deepest(arc: GrooveArc) -> Scalar:
+def deepest(arc: Arc) -> Scalar:
     """The greatest penetration over R, where it does not rise any more."""
     places, y = dense(arc)
     unit, k = Interval(jnp.zeros(()), jnp.ones(())), jnp.argmax(y[0])
@@ -156,14 +157,14 @@ def deepest(arc: GrooveArc) -> Scalar:
     return DEEP * rise(jax.lax.stop_gradient((low + high) / 2))[1]
 
 
-def _unsettled(place: Scalar, arc: GrooveArc, of: Flanks) -> Scalar:
+def _unsettled(place: Scalar, arc: Arc, of: Flanks) -> Scalar:
     """How far the radial force is off, less the limit, at a place on [0, 1]."""
     y, _ = interpolate(Interval(jnp.zeros(()), jnp.ones(())), arc.mesh, arc.z, place[None])
     at = states(y[:, 0], arc.z.p, of)
     return jnp.abs(at.N * of.R * (1 - DEEP * y[0, 0]) / y[2, 0] - 1) - RESTS
 
 
-def dense(arc: GrooveArc) -> tuple[Float[Array, " points"], Float[Array, "3 points"]]:
+def dense(arc: Arc) -> tuple[Float[Array, " points"], Float[Array, "3 points"]]:
     """Places on [0, 1], and the unknowns there: at the nodes and at the collocation points."""
     unit, points = Interval(jnp.zeros(()), jnp.ones(())), gauss(STAGES).points
     inside = arc.mesh[:-1] + points[:, None] * jnp.diff(arc.mesh)

@@ -16,7 +16,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from beltjax.physics.groove import Flanks, GrooveEnds
+from beltjax.physics.groove import Flanks
+from beltjax.physics.inclined_arcs import ArcEnds
 
 Scalar = Float[Array, ""]
 STEPS = 160  # along the arc that slides, of equal ratios
@@ -44,7 +45,7 @@ def depth(P: Array, gamma: Array, of: Flanks) -> Array:
     return P / (2 * of.K * of.R**2 * jnp.tan(of.beta + rho))
 
 
-def thin_arc(of: Flanks, ends: GrooveEnds) -> ThinArc:
+def thin_arc(of: Flanks, ends: ArcEnds) -> ThinArc:
     """The arc between given tensions; `sliding` may be more than there is (W14) to (W17)."""
     low, high, EA, mu = ends.P_in, ends.P_out, of.EA, of.mu
     ratio = jnp.log(high / low)
@@ -116,7 +117,7 @@ def _start(P: Scalar, resting: Scalar, side: Scalar, of: Flanks) -> tuple[Scalar
     return (cos * b / resting - side * m1) / c1, m1
 
 
-def thin_power_loss(M: Scalar, om: Scalar, of: Flanks, ends: GrooveEnds) -> Scalar:
+def thin_power_loss(M: Scalar, om: Scalar, of: Flanks, ends: ArcEnds) -> Scalar:
     """Power of sliding over V_ref that the balance of energy leaves (W17)."""
     EA, low, high = of.EA, ends.P_in, ends.P_out
     work = (EA * (high - low) + (high**2 - low**2) / 2) / (EA - ends.g)

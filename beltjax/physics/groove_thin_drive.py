@@ -11,7 +11,6 @@ from jaxtyping import Array, Bool, Float, Int
 
 from beltjax.numerics.derivative_rules import frozen_unless
 from beltjax.numerics.roots import followed_root, implicit_solution
-from beltjax.physics.groove import GrooveEnds
 from beltjax.physics.groove_arc import Passed
 from beltjax.physics.groove_drive import (
     GrooveBelt,
@@ -28,6 +27,7 @@ from beltjax.physics.groove_drive import (
 )
 from beltjax.physics.groove_measures import GrooveMeasures, told
 from beltjax.physics.groove_thin import ThinArc, thin_arc, thin_power_loss
+from beltjax.physics.inclined_arcs import ArcEnds
 
 Scalar = Float[Array, ""]
 
@@ -39,7 +39,7 @@ class SolvedThinGrooves(NamedTuple):
     loop: GrooveLoop
     arcs: ThinArc  # each leaf [n, ...]; of flat pulleys a placeholder
     held: GrooveBelt
-    ends: GrooveEnds
+    ends: ArcEnds
     converged: Bool[Array, ""]
     residual: Scalar
     steps: Int[Array, ""]
@@ -52,7 +52,7 @@ def solve_thin(model: GrooveModel, task: GrooveTask, start: GrooveUnknown) -> So
 
     def met(
         x: Array, args: tuple[GrooveModel, GrooveTask]
-    ) -> tuple[Array, tuple[GrooveLoop, ThinArc, GrooveEnds]]:
+    ) -> tuple[Array, tuple[GrooveLoop, ThinArc, ArcEnds]]:
         model, task = args
         unknown = unpacked(x, start)
         ends = ends_of(unknown, model)
