@@ -105,7 +105,8 @@ def test_zones_are_those_of_an_independent_solver(moment):
         # Those of the stored mesh end at its nodes, which are some degrees apart there.
         assert found[1] == pytest.approx(stored["adhesion"], abs=2.5)
     depth = np.asarray(state.penetrations) / 0.05
-    assert depth == pytest.approx([stored["x_max"] for stored in ZONES[moment]], abs=1e-8)
+    # The stored ones are the largest of their nodes.
+    assert depth == pytest.approx([stored["x_max"] for stored in ZONES[moment]], abs=2e-7)
 
 
 def numbers_of(state):
