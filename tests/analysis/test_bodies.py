@@ -96,6 +96,7 @@ def test_frequencies_and_responses_are_those_of_two_other_routes(name, drive_of)
         assert_near([turned[n] for n in rotor], list(rotor.values()), 1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["06", pytest.param("18", marks=pytest.mark.slow)])
 def test_derivatives_three_ways(name, drive_of):
     """The case's own, by complex steps or differences; forward; and reverse."""
@@ -118,6 +119,7 @@ def test_derivatives_three_ways(name, drive_of):
         assert float(slope) == pytest.approx(expected["coupling_total"], rel=tolerance)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["06", pytest.param("04", marks=pytest.mark.slow)])
 def test_contact_is_that_of_another_route(name, drive_of):
     drive, point = drive_of(name)

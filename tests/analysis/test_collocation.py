@@ -90,6 +90,7 @@ CASES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "eps"), CASES)
 def test_equals_the_closed_form_with_its_slopes(name, eps):
     given, point = with_bending(name, eps)

@@ -120,6 +120,7 @@ def test_vibration():
     assert changes_of(shaken, drive, point) == dict.fromkeys(TYPES, 0)
 
 
+@pytest.mark.slow
 def test_periodic_motion():
     drive, point = example("three_pulley")
     assert changes_of(lambda d, p: jnp.asarray(swung(d, p) or 0.0), drive, point) == dict.fromkeys(
@@ -170,6 +171,7 @@ def test_friction_induced_vibration():
     assert count == [0]
 
 
+@pytest.mark.slow
 def test_squeal():
     drive, point = example("three_pulley")
     drive = with_laws(drive)

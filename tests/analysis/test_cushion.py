@@ -40,6 +40,7 @@ def test_a_hard_cushion_is_the_string_on_its_pulleys():
     assert left[1] / left[2] == pytest.approx(10, rel=0.02)
 
 
+@pytest.mark.slow
 def test_the_exact_state_closes_its_balances():
     drive, point = on_cushion(THREE, 3e7), loaded(4.0)
     state = bj.cushion_state(drive, point)

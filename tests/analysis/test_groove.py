@@ -186,6 +186,7 @@ def drive_with_arm():
     return drive, dataclasses.replace(point, torque={"accessory": 4.0})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "method", [THIN, pytest.param(bj.Groove(elements=200), marks=pytest.mark.slow)]
 )
@@ -212,6 +213,7 @@ def test_arm_stands_where_belt_and_spring_balance(method):
     assert np.asarray(again.tensions) == pytest.approx(np.asarray(state.tensions), rel=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [THIN, pytest.param(FEW, marks=pytest.mark.slow)])
 def test_bad_lane_of_a_batch_leaves_its_neighbors_alone(method):
     drive, point = grooved_drive("A9")

@@ -21,6 +21,7 @@ def frequencies(drive, point, basis, exact):
     return bj.modes(lin, COUNT, exact=exact, route="hermitian", throw=False).frequencies
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "rule", "route"),
     [

@@ -102,6 +102,7 @@ def test_a_pivoted_motor_balances_its_weight_and_the_belt(tmp_path):
     np.testing.assert_allclose(bj.reference_state(drive, bare).tensions, [alone] * 2, rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("given", ["", '[installation]\nbelt_length = "25.5 m"\n'])
 def test_a_weight_on_the_take_up_pulls_two_strands(tmp_path, given):
     """The strands are parallel: together they carry the weight, whatever belt and torque."""

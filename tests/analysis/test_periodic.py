@@ -342,6 +342,7 @@ def test_derivatives_of_the_stored_case():
     np.testing.assert_allclose(slopes, stored, rtol=4e-4)
 
 
+@pytest.mark.slow
 def test_too_much_is_said():
     drive, point = example("three_pulley")
     found = bj.periodic_response(
@@ -356,6 +357,7 @@ def test_too_much_is_said():
         )
 
 
+@pytest.mark.slow
 def test_a_bad_lane_disturbs_none():
     drive, point = example("three_pulley")
 

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from bodies_cases import ECCENTRIC, load
 from drives import example
 
@@ -46,6 +47,7 @@ def test_torques_of_the_running_string_act_on_what_the_momentum_flux_leaves_of_i
     np.testing.assert_allclose(change * float(drive.pulleys[place].radius), 4.0, rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_an_adjustment_that_does_not_exist_has_finite_derivatives(tmp_path):
     """Case 24 adjusts an eccentric to a mark that no place of it reaches."""
     drive, point = load(tmp_path, ECCENTRIC)

@@ -55,6 +55,7 @@ def margin_over_time(drive, point, parts):
     return friction * np.asarray(steady.reference.layout.wraps) - use
 
 
+@pytest.mark.slow
 def test_dynamic_margin_by_a_second_route():
     drive, point = three_pulleys()
     found = bj.slip_margin(drive, point, CRANK, order=3.0, damping=DAMPING, basis=BASIS)

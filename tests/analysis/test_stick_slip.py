@@ -60,6 +60,7 @@ def test_power_of_the_crank_is_that_of_friction_and_dampers():
     assert dampers + friction == pytest.approx(float(crank_power), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_arm_sticks_between_its_events():
     found = moved(0.5)
     stop, slip, again, on = events_of(found)

@@ -131,6 +131,7 @@ def test_run_up_loads_the_belt_by_inertia_and_ends_in_the_steady_state():
     np.testing.assert_allclose(found.tensions(1.5), there.running_tensions, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_coast_down_ends_at_rest():
     drive, point = THREE
     found = moved([(0, 3000), (0.5, 0), (1.0, 0)], damping=bj.Damping(modal=0.3))

@@ -139,6 +139,7 @@ def test_the_worst_duty_is_named(run, tmp_path):
     assert re.search(r"greatest running tension +[\d.]+ +N +accessory-crankshaft +heavy", out)
 
 
+@pytest.mark.slow
 def test_a_meter_hears_a_running_string_lower(run, tmp_path):
     """A string of tension T that runs at v: (1 - v^2 m/T) sqrt(T/m)/(2 l) (Sack 1954)."""
     string = swap(BARE, "bending_stiffness = 0.015", "bending_stiffness = 0")
@@ -178,6 +179,7 @@ def test_a_duty_that_does_not_run_is_named_and_the_others_stand(run, tmp_path):
         assert all(agree(before[key], after[key]) for key in STATES)
 
 
+@pytest.mark.slow
 def test_without_a_speed_of_its_own_the_operation_is_the_first_duty(run, tmp_path):
     text = swap(BARE + DUTIES, "belt_speed = 20\n", "")
     text = swap(text, 'name = "heavy"\n', 'name = "heavy"\nbelt_speed = 20\n')
@@ -208,6 +210,7 @@ def test_other_commands_take_the_duty_that_is_named(run, tmp_path):
         assert err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_a_title_says_at_which_of_several_points_it_answers(run, tmp_path):
     """With [operation] and duties, with duties alone, and without duties."""
     alone = swap(BARE + DUTIES, "belt_speed = 20\n", "")

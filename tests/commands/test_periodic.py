@@ -162,6 +162,7 @@ def test_bad_input_is_one_line_and_writes_nothing(run, tmp_path, words, message)
     assert not (tmp_path / "p.json").exists()
 
 
+@pytest.mark.slow
 def test_one_order_goes_with_the_file_and_several_do_not(run, tmp_path):
     (tmp_path / "one.toml").write_text(THREE + '\n[excitation]\ncrank = "0.1 deg"\norder = 3\n')
     _, out, _ = run("periodic", "one.toml", *SMALL, "--json", "-")

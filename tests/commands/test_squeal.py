@@ -27,6 +27,7 @@ def pulley_of(document, name):
     return next(one for one in document["pulleys"] if one["name"] == name)
 
 
+@pytest.mark.slow
 def test_nothing_slides(run, tmp_path):
     path = written(tmp_path, 0.7)
     status, out, err = run("squeal", path, *PLAIN, "--json", "s.json", "--figure", "s.png")

@@ -67,6 +67,7 @@ def warned_of(drive, point, steady, code):
     return [one for one in steady_warnings(drive, point, steady, read) if one["code"] == code]
 
 
+@pytest.mark.slow
 def test_tensions_above_the_maker_s_limit_are_named():
     """Without torques all spans have 300 N at rest, and eta of 20 m/s takes some of it."""
     drive, point = example("three_pulley")

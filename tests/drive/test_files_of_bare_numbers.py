@@ -66,6 +66,7 @@ def test_a_unit_or_a_usual_number_is_not_asked_about(tmp_path, old, new):
     assert [text for text in drive.units.doubts if "driver_speed" in text] == []
 
 
+@pytest.mark.slow
 def test_the_question_stands_in_every_answer(run, tmp_path):
     (tmp_path / "fast.toml").write_text(swap(THREE, *SPEED))
     for command in ("layout", "analyze"):

@@ -60,6 +60,7 @@ def test_its_pulleys_turn_opposite_ways(run, tmp_path):
     assert found["pulleys"][0]["speed"] == pytest.approx(32 * math.pi)
 
 
+@pytest.mark.slow
 def test_statics_and_contact_of_a_crossed_belt(tmp_path):
     """T1 - T2 = M/r, and Euler and Eytelwein's arcs, ln(T1/T2)/mu on both pulleys."""
     drive, point = load(tmp_path, CROSSED)

@@ -162,6 +162,7 @@ def test_outside_of_its_table_the_end_is_held_and_warned_of(tmp_path):
     assert bj.steady_state(drive, inside).warning == bj.RESULTS.successful
 
 
+@pytest.mark.slow
 def test_power_at_standstill_is_a_failure_of_its_lane(tmp_path):
     drive, point = load(tmp_path, with_load(POWER))
 

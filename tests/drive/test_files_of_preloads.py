@@ -123,6 +123,7 @@ def test_what_does_not_fit_is_one_line(tmp_path, old, new, says):
     assert re.search(says, str(error.value))
 
 
+@pytest.mark.slow
 def test_a_slack_belt_leads_to_what_tightens_it(run, tmp_path):
     """12 kN m at 0.4 m take 30 kN, more than the two strands' 24 kN together."""
     text = (EXAMPLES / "conveyor.toml").read_text()

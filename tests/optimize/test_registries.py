@@ -122,6 +122,7 @@ def test_an_optimizer_s_name_is_taken_once():
         bj.optimize.optimizer("slsqp")
 
 
+@pytest.mark.slow
 def test_the_command_line_runs_a_file_first(own_registries, run, tmp_path):
     (tmp_path / "mine.py").write_text(MINE)
     status, out, err = run("--extend", "mine.py", "robust", "--quantities")

@@ -116,6 +116,7 @@ def test_a_snapped_radius_lets_the_others_be_optimized_again(tmp_path):
         bj.optimize.post_optimal(bj.optimize.load_study(tmp_path / "study.toml"), design)
 
 
+@pytest.mark.slow
 def test_where_all_is_snapped_nothing_is_searched(run, tmp_path):
     """The crank keeps its 200 degrees only at the farther of the two places."""
     study = swapped(STUDY, 'upper = "105 mm"', 'upper = "105 mm"\nsnap = ["72 mm", "0.078 m"]')

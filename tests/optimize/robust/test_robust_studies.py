@@ -31,6 +31,7 @@ def load(folder, text):
     return bj.optimize.load_study(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", [pytest.param(0, marks=pytest.mark.slow), 64])
 def test_planted_optimum(samples, tmp_path):
     text = TOLERANCE + f"[robust]\nfactor = 2\nsamples = {samples}\n"
