@@ -148,6 +148,7 @@ def test_the_complete_model_runs_as_the_exact_string_does():
     assert float(steady.effectiveness) == pytest.approx(0.7310, abs=5e-5)
 
 
+@pytest.mark.slow
 def test_the_complete_model_s_tension_follows_the_free_angle_as_the_reference_state_s():
     drive, point = bj.load_drive(Path(__file__).parents[2] / "examples" / "three_pulley.toml")
     rest = bj.reference_state(drive, point)

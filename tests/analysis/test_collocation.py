@@ -165,6 +165,7 @@ def test_slack_lane_leaves_its_neighbors_alone():
     np.testing.assert_allclose(slope, exact_slope, rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_a_string_has_no_layers_to_resolve():
     given, point = with_bending("three_pulley", 0.0)
     steady = bj.steady_state(given, point, bj.Collocation(), throw=False)

@@ -115,6 +115,7 @@ def test_another_weight():
     assert count == [0]
 
 
+@pytest.mark.slow
 def test_vibration():
     drive, point = example("three_pulley")
     assert changes_of(shaken, drive, point) == dict.fromkeys(TYPES, 0)
@@ -159,6 +160,7 @@ def test_motion_with_events():
     assert count == [0]
 
 
+@pytest.mark.slow
 def test_friction_induced_vibration():
     def dragged(static, V, **more):
         for law in (bj.StribeckFriction, bj.CubicFriction):

@@ -264,6 +264,7 @@ def test_derivatives_three_ways(lanes, name):
     assert np.max(np.abs(reverse - differences) / np.where(size > 0, size, 1.0)) < 2e-6
 
 
+@pytest.mark.slow
 def test_known_derivatives_of_the_amplitude():
     def amplitude(c, V):
         return bj.friction_oscillator(1.0, c, 1.0, 1.0, STRIBECK, V).cycle.amplitude

@@ -257,6 +257,7 @@ def test_locked_centers_have_no_arm():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("travel", [pytest.param("listed", marks=pytest.mark.slow), "opposite"])
 def test_direction_of_travel_changes_no_frequency(travel):
     drive, point = at_groups(vibrating("seven_pulley"), 0.03, 0.6)

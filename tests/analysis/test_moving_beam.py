@@ -108,6 +108,7 @@ def three_ways(ends):
     return look
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "ends",
     [

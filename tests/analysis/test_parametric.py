@@ -54,6 +54,7 @@ def test_stored_tongues_of_three_pulleys(k):
     assert critical == pytest.approx(one["crank_crit_deg_tension"], rel=1e-8)
 
 
+@pytest.mark.slow
 def test_terms_of_the_first_mode():
     case, stored = CASES["A8_three_11"], CASES["A13"]
     rpm = 274.51926150563725 * 30 / np.pi  # the tongue with 20 functions a span

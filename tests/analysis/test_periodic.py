@@ -93,7 +93,10 @@ COMPARED = (
             "3p_2000_0.2", "three_pulley", 2000, 0.2, 0.02, {"functions": 20, "harmonics": 20},
             marks=pytest.mark.slow,
         ),
-        ("7p_900_0.5", "seven_pulley", 900, 0.5, 0.03, {"functions": 12, "harmonics": 7}),
+        pytest.param(
+            *("7p_900_0.5", "seven_pulley", 900, 0.5, 0.03, {"functions": 12, "harmonics": 7}),
+            marks=pytest.mark.slow,
+        ),
     ],
 )  # fmt: skip
 def test_stored_cases(name, file, rpm, degrees, modal, options):

@@ -39,6 +39,7 @@ def seven():
     return drive, point, bj.slip_stability(drive, point, damping=50.0)
 
 
+@pytest.mark.slow
 def test_seven_pulleys(seven):
     drive, point, found = seven
     runaways = []
