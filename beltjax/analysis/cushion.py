@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 
 from beltjax.analysis.installed import free_positions, held
 from beltjax.analysis.reference import LARGEST_STRAIN
-from beltjax.analysis.string_belts import belts_of_the_string
+from beltjax.analysis.string_belts import belts_of_the_string, frame_of
 from beltjax.compiling.batched_loops import in_lanes_of
 from beltjax.compiling.quick import boundary_jit
 from beltjax.drive.assembly import Assembly, assembled
@@ -28,7 +28,6 @@ from beltjax.numerics.rigid_bodies import holding_stop
 from beltjax.physics import cushion, cushion_arc, cushion_drive, span
 from beltjax.physics.cushion import Layer
 from beltjax.physics.cushion_drive import CushionModel, Found, Given, Running
-from beltjax.physics.inclined_spans import Frame
 from beltjax.physics.string_contact import critical_speed
 from beltjax.results import (
     RESULTS,
@@ -270,18 +269,8 @@ def _model(made: Assembly, groups: ContactGroups, scales: Scales) -> CushionMode
         EA=jnp.broadcast_to(groups.stretches[0], (count,)),
         blur=jnp.full(count, cushion_drive.SHARP),
     )
-    frame = Frame(
-        x=groups.centers[:, 0],
-        y=groups.centers[:, 1],
-        rho=groups.radii,
-        loops=groups.loops,
-        bodies=groups.bodies,
-        housed=groups.housed,
-        K=groups.stiffness,
-        outside=groups.outside,
-    )
     return CushionModel(
-        frame=frame,
+        frame=frame_of(groups),
         layers=layers,
         driving=jax.lax.stop_gradient(groups.driving),
         pull=groups.pulls,

@@ -9,6 +9,7 @@ from jaxtyping import Array, Bool, Float
 from beltjax.analysis.groove_methods import Groove, ThinGroove
 from beltjax.analysis.installed import free_positions, held
 from beltjax.analysis.reference import resting
+from beltjax.analysis.string_belts import frame_of
 from beltjax.compiling.batched_loops import in_lanes_of
 from beltjax.drive.assembly import Assembly
 from beltjax.drive.contact_groups import ContactGroups, TravelOrder
@@ -18,7 +19,7 @@ from beltjax.physics import groove_drive as physics
 from beltjax.physics.contact import BeltMotion
 from beltjax.physics.groove import Flanks
 from beltjax.physics.groove_thin_drive import SolvedThinGrooves, solve_thin
-from beltjax.physics.inclined_spans import Frame, inclined_spans
+from beltjax.physics.inclined_spans import inclined_spans
 from beltjax.results import succeeded
 
 HALVINGS = 8  # of the search for the limit of adhesion, before its secants
@@ -76,19 +77,9 @@ def groove_model(
     nominal, _ = physics.flat_groove(jax.lax.stop_gradient(R), one, jax.lax.stop_gradient(EA), eps)
     nominal = jax.lax.stop_gradient(nominal)
     grooves = jax.tree.map(lambda a, b: jnp.where(flat > 0, a, b), nominal, whole)
-    frame = Frame(
-        x=groups.centers[:, 0],
-        y=groups.centers[:, 1],
-        rho=groups.radii,
-        loops=groups.loops,
-        bodies=groups.bodies,
-        housed=groups.housed,
-        K=groups.stiffness,
-        outside=groups.outside,
-    )
     motion = BeltMotion(groups.masses, groups.belt_speed, groups.driver_speed, groups.mass_flow)
     return physics.GrooveModel(
-        frame=frame,
+        frame=frame_of(groups),
         grooves=grooves,
         flat=flat,
         mu=groups.friction,

@@ -1,4 +1,4 @@
-"""Belts whose lengths are those of strings, for analyses whose own belts differ from strings."""
+"""Belts that are strings, for analyses of how a belt meets its pulleys."""
 
 import dataclasses
 
@@ -7,7 +7,9 @@ from jaxtyping import Array, Float
 
 from beltjax.analysis.installed import held_by_tensions, installed_by_tension
 from beltjax.drive.assembly import Assembly
+from beltjax.drive.contact_groups import ContactGroups
 from beltjax.drive.installation import BeltGiven, Preloaded, TensionGiven
+from beltjax.physics.inclined_spans import Frame
 
 
 def belts_of_the_string(made: Assembly) -> Assembly:
@@ -28,3 +30,17 @@ def belts_of_the_string(made: Assembly) -> Assembly:
 def each_or_single(of_belts: Float[Array, " belts"]) -> Float[Array, "*belts"]:
     """A number of each belt, or of the only one alone."""
     return of_belts if len(of_belts) > 1 else of_belts[0]
+
+
+def frame_of(groups: ContactGroups) -> Frame:
+    """The pulleys and bodies of a drive, for a string that meets its pulleys at angles."""
+    return Frame(
+        x=groups.centers[:, 0],
+        y=groups.centers[:, 1],
+        rho=groups.radii,
+        loops=groups.loops,
+        bodies=groups.bodies,
+        housed=groups.housed,
+        K=groups.stiffness,
+        outside=groups.outside,
+    )
