@@ -408,9 +408,12 @@ def belts_of(file: DriveTable, path: object) -> list[Belt]:
     """The belts of a file."""
     for belt in file.belts:
         given = [belt.number(f"cushion_{part}") is not None for part in ("radial", "shear")]
+        label = "belt" if len(file.belts) == 1 else f"belt.{belt.name}"
         if any(given) and not all(given):
-            label = "belt" if len(file.belts) == 1 else f"belt.{belt.name}"
             message = "found one of radial and shear; give cushion = { radial = .., shear = .. }"
+            raise FileError(path, f"{label}.cushion", message)
+        if any(given) and belt.number("wedge_angle") is not None:
+            message = "is given beside groove, and no model has both; remove one of them"
             raise FileError(path, f"{label}.cushion", message)
     return [
         Belt(

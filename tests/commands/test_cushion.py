@@ -39,6 +39,11 @@ def test_a_cushion_is_read_and_saved(tmp_path):
         ("cushion = { radial = 0, shear = 2e7 }", "belt.cushion_radial", "greater than 0"),
         ('cushion = { radial = "20 N/mm", shear = 2e7 }', "belt.cushion_radial", "N/m"),
         ("cushion = 2e7", "belt.cushion", ""),
+        (
+            f'{KEY}\ngroove = {{ angle = "40 deg", wedge_stiffness = 6e6 }}',
+            "belt.cushion",
+            "beside groove",
+        ),
     ],
 )
 def test_a_wrong_cushion_is_one_line(key, where, says, tmp_path):
