@@ -12,7 +12,7 @@ from beltjax.analysis.reference import LARGEST_STRAIN, resting
 from beltjax.analysis.string_belts import belts_of_the_string, each_or_single
 from beltjax.compiling.batched_loops import in_lanes_of
 from beltjax.compiling.quick import boundary_jit
-from beltjax.drive.assembly import Assembly, assembled
+from beltjax.drive.assembly import Assembly, usable_assembly
 from beltjax.drive.canonical import canonical
 from beltjax.drive.components import as_real, concrete
 from beltjax.drive.contact_groups import ContactGroups, TravelOrder, contact_groups
@@ -26,7 +26,6 @@ from beltjax.drive.installation import (
 )
 from beltjax.drive.layout import Layout, layout
 from beltjax.drive.operation import OperatingPoint
-from beltjax.drive.placeholders import harmless, numbers_are_usable
 from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
 from beltjax.numerics.derivative_rules import differentiated_once
@@ -247,13 +246,8 @@ def contact_solution(
     drive: Drive, point: OperatingPoint, law: AbstractBeltLaw, maximum: Float[Array, ""]
 ) -> ContactState:
     """`contact_state` or `maximum_moment`, whose failures are in its result alone."""
-    good = numbers_are_usable(drive, point)
-    drive, point = harmless(drive, point, good)
-    drawn = layout(drive, throw=False)
-    drawable = drawn.result
-    drive, point = harmless(drive, point, succeeded(drawable))
-    # The layout is at hand: that of the assembly would be compiled once more.
-    made = belts_of_the_string(assembled(drive, point)._replace(drawn=drawn))
+    made, point, good, drawable = usable_assembly(drive, point)
+    made, drawn = belts_of_the_string(made), made.drawn
     drive, start = made.drive, _installed(made)
     base = start.tensions[0]
     taken, scalable = scaled_torques(made, base, maximum)

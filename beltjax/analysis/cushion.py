@@ -13,14 +13,13 @@ from beltjax.analysis.reference import LARGEST_STRAIN
 from beltjax.analysis.string_belts import belts_of_the_string, frame_of
 from beltjax.compiling.batched_loops import in_lanes_of
 from beltjax.compiling.quick import boundary_jit
-from beltjax.drive.assembly import Assembly, assembled
+from beltjax.drive.assembly import Assembly, usable_assembly
 from beltjax.drive.canonical import canonical
 from beltjax.drive.contact_groups import ContactGroups, TravelOrder, contact_groups
 from beltjax.drive.groups import Scales
 from beltjax.drive.installation import BeltGiven, Preloaded, TensionGiven
 from beltjax.drive.layout import layout
 from beltjax.drive.operation import OperatingPoint
-from beltjax.drive.placeholders import harmless, numbers_are_usable
 from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
 from beltjax.numerics.derivative_rules import differentiated_once
@@ -109,7 +108,7 @@ class CushionState(Readable):
 
 @boundary_jit
 def _profile(model: CushionModel, found: Found, place: Array, s: Array) -> tuple[Array, Array]:
-    pulls = cushion_drive.pulls_of(found.root, model)
+    pulls = cushion_drive.ends_of(found.root, model)
     arcs = found.arcs
     pull, of, arc = (jax.tree.map(lambda x: x[place], part) for part in (pulls, model.layers, arcs))
     lent = cushion.lent(pull, of)
@@ -189,12 +188,8 @@ def _cushion_state(
     drive: Drive, point: OperatingPoint, method: Cushion | ThinCushion
 ) -> CushionState:
     asked = drive, point
-    good = numbers_are_usable(drive, point)
-    drive, point = harmless(drive, point, good)
-    drawn = layout(drive, throw=False)
-    drawable = drawn.result
-    drive, point = harmless(drive, point, succeeded(drawable))
-    made = assembled(drive, point)._replace(drawn=drawn)
+    made, point, good, drawable = usable_assembly(drive, point)
+    drive = made.drive
     if isinstance(drive.installation, Preloaded):
         made = belts_of_the_string(made)
     given, base = _given(made)
@@ -325,12 +320,6 @@ def _found(
     return running, rested.converged
 
 
-def _wraps(running: Running, model: CushionModel) -> Float[Array, " pulleys"]:
-    """Angles over which the cords touch."""
-    met = running.met
-    return running.spans.turns + met.chi_out - met.chi_in
-
-
 def _coupling(
     running: Running, model: CushionModel, EI: Float[Array, ""]
 ) -> Float[Array, " spans"]:
@@ -379,7 +368,7 @@ def _state(
     taken, free = jnp.sum(driven), jnp.all(made.driven.torques == 0)
     pulleys = order.pulleys
     return CushionState(
-        wraps=_wraps(running, model)[pulleys],
+        wraps=cushion_drive.wraps(running)[pulleys],
         slips=met.sliding[pulleys],
         moments=running.M[pulleys] * force * length,
         pulley_speeds=omega[pulleys] / scales.time,

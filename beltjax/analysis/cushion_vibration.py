@@ -19,8 +19,8 @@ from beltjax.numerics.bases import AbstractBasis, Legendre
 from beltjax.numerics.gyroscopic import eigenvalues, hermitian_modes
 from beltjax.physics import cushion
 from beltjax.physics import cushion_vibration as physics
-from beltjax.physics.cushion import Pull
 from beltjax.physics.cushion_vibration import Mesh, Vibrating
+from beltjax.physics.inclined_arcs import ArcEnds
 from beltjax.results import RESULTS, first_failure, frozen_where_failed, succeeded
 
 ELEMENTS = 6  # on each arc
@@ -125,7 +125,7 @@ def _vibrating(state: CushionState) -> Vibrating:
     place = state.order.pulleys
     P = jnp.mean(running.P)
     spread = jnp.full_like(running.P, P)
-    pull = Pull(spread, spread, running.spans.turns, 0 * spread)
+    pull = ArcEnds(spread, spread, running.spans.turns, 0 * spread)
     layers = jax.vmap(cushion.lent)(pull, model.layers)
     arcs = jax.vmap(cushion.contact_length)(pull, layers)[0]
     soft = model.layers.soft

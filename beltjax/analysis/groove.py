@@ -25,22 +25,22 @@ from beltjax.analysis.groove_search import (
 )
 from beltjax.analysis.reference import LARGEST_STRAIN
 from beltjax.compiling.quick import long_boundary_jit
-from beltjax.drive.assembly import Assembly, assembled
+from beltjax.drive.assembly import Assembly, usable_assembly
 from beltjax.drive.canonical import canonical
 from beltjax.drive.contact_groups import ContactGroups, TravelOrder, contact_groups
 from beltjax.drive.groups import Scales
 from beltjax.drive.layout import layout
 from beltjax.drive.operation import OperatingPoint
-from beltjax.drive.placeholders import harmless, numbers_are_usable
 from beltjax.drive.readable import Readable
 from beltjax.drive.system import Drive
-from beltjax.numerics.bvp.collocation import Interval, interpolate
+from beltjax.numerics.bvp.collocation import interpolate
 from beltjax.numerics.derivative_rules import differentiated_once
 from beltjax.numerics.rigid_bodies import holding_stop
 from beltjax.physics import groove_drive as physics
 from beltjax.physics.groove_arc import DEEP, states
 from beltjax.physics.groove_measures import GrooveMeasures, measures
 from beltjax.physics.groove_thin_drive import SolvedThinGrooves, thin_measures
+from beltjax.physics.inclined_arcs import unit_interval
 from beltjax.results import (
     RESULTS,
     first_failure,
@@ -156,7 +156,7 @@ class GrooveState(Readable):
     def _along(self, i: int, s: Array) -> tuple[Any, Array, Array]:
         place = self._place(i)
         arc = jax.tree.map(lambda x: x[place], self.solved.arcs)
-        unit = Interval(jnp.zeros(()), jnp.ones(()))
+        unit = unit_interval()
         s = jnp.asarray(s)
         y, _ = interpolate(unit, arc.mesh, arc.z, jnp.ravel(s))
         return place, y.reshape(3, *s.shape), arc.z.p
@@ -230,12 +230,8 @@ def groove_solution(
     rounds: int,
 ) -> GrooveState:
     """`groove_state` or `maximum_moment`, whose failures are in its result alone."""
-    good = numbers_are_usable(drive, point)
-    drive, point = harmless(drive, point, good)
-    drawn = layout(drive, throw=False)
-    drawable = drawn.result
-    drive, point = harmless(drive, point, succeeded(drawable))
-    made = assembled(drive, point)._replace(drawn=drawn)
+    made, point, good, drawable = usable_assembly(drive, point)
+    drive = made.drive
     start = groove_start(made)
     base = start.tension
     taken, scalable = scaled_torques(made, base, (limit > 0).astype(float))

@@ -4,16 +4,18 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from beltjax.drive.bodies import Springs, outside_forces, springs
 from beltjax.drive.installation import Installation
-from beltjax.drive.layout import Layout, Outline, laid_out, outline
+from beltjax.drive.layout import Layout, Outline, laid_out, layout, outline
 from beltjax.drive.operation import OperatingPoint
+from beltjax.drive.placeholders import harmless, numbers_are_usable
 from beltjax.drive.shafts import Transmission, transmission
 from beltjax.drive.system import Drive
 from beltjax.numerics.loops import Loops
 from beltjax.numerics.rigid_bodies import Bodies, OutsideForces
+from beltjax.results import RESULTS, succeeded
 
 
 class Assembly(NamedTuple):
@@ -73,6 +75,29 @@ def assembled(drive: Drive, point: OperatingPoint) -> Assembly:
         outside=outside_forces(drive),
         drawn=laid_out(of, loops, jnp.zeros(len(drive.tensioners))),
     )
+
+
+class UsableAssembly(NamedTuple):
+    """An assembly whose numbers spoil no batch, and what those that were given are."""
+
+    made: Assembly
+    point: OperatingPoint
+    good: Bool[Array, ""]  # whether the numbers are some that a drive can have
+    drawable: RESULTS  # of the drawn layout
+
+
+def usable_assembly(drive: Drive, point: OperatingPoint) -> UsableAssembly:
+    """The arrays of `drive` at `point`, or harmless ones where these cannot be used or drawn.
+
+    Raises `KeyError` for a torque on a pulley that is not there.
+    """
+    good = numbers_are_usable(drive, point)
+    drive, point = harmless(drive, point, good)
+    drawn = layout(drive, throw=False)
+    drive, point = harmless(drive, point, succeeded(drawn.result))
+    # The layout is at hand: that of the assembly would be compiled once more.
+    made = assembled(drive, point)._replace(drawn=drawn)
+    return UsableAssembly(made, point, good, drawn.result)
 
 
 def _tension_offsets(

@@ -19,6 +19,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from beltjax.numerics.roots import bracketed_root, implicit_root
+from beltjax.physics.inclined_arcs import ArcEnds, on_rim
 
 Scalar = Float[Array, ""]
 
@@ -36,15 +37,6 @@ class Layer(NamedTuple):
     sticks: Scalar  # 1 where no friction is given, so that nothing slides
     EA: Scalar
     blur: Scalar  # length over R in which sliding cords give up shear that friction cannot hold
-
-
-class Pull(NamedTuple):
-    """What the drive does to one pulley's belt."""
-
-    P_in: Scalar
-    P_out: Scalar
-    turn: Scalar  # of the belt's direction over the pulley
-    g: Scalar
 
 
 class Met(NamedTuple):
@@ -95,7 +87,7 @@ def strained(P: Array, EA: Scalar, g: Scalar) -> Array:
     return (EA + P) / (EA - g)
 
 
-def contact_length(pull: Pull, of: Layer) -> tuple[Scalar, Scalar, Scalar]:
+def contact_length(pull: ArcEnds, of: Layer) -> tuple[Scalar, Scalar, Scalar]:
     """Length of the cords in contact, and the sizes of the angles at its ends (U3)."""
     lam_in, lam_out = decay(pull.P_in, of), decay(pull.P_out, of)
     mean = (pull.P_in + pull.P_out) / 2
@@ -113,7 +105,7 @@ def contact_length(pull: Pull, of: Layer) -> tuple[Scalar, Scalar, Scalar]:
     return arc + first + last, first / of.R, last / of.R
 
 
-def shear(pull: Pull, of: Layer, S: Scalar) -> tuple[Shear, Scalar, Array]:
+def shear(pull: ArcEnds, of: Layer, S: Scalar) -> tuple[Shear, Scalar, Array]:
     """Tension along the arc, the shear that is carried out, and gross slip (U5), (U6).
 
     The first layer leaves the cords behind by 5/4 chi^2/lam, the last one does so again.
@@ -142,7 +134,7 @@ class _Sliding(NamedTuple):
 class _Adhering(NamedTuple):
     """Where the cords adhere, in terms of where they cease to."""
 
-    pull: Pull
+    pull: ArcEnds
     of: Layer
     S: Scalar
     behind: Scalar  # shear that the first layer leaves
@@ -165,7 +157,7 @@ class _Adhering(NamedTuple):
         return (self.way * self.of.k_s * lag - self.of.mu * to / self.of.R) / to
 
 
-def _capstan(s: Array, pull: Pull, of: Layer, S: Scalar) -> Array:
+def _capstan(s: Array, pull: ArcEnds, of: Layer, S: Scalar) -> Array:
     """Tension of cords that slide from s on."""
     way = jnp.where(pull.P_out < pull.P_in, -1.0, 1.0)
     return pull.P_out * jnp.exp(-way * of.mu * jnp.maximum(S - s, 0.0) / of.R)
@@ -183,7 +175,7 @@ def _sliding_from(adhering: _Adhering) -> _Sliding:
     return _Sliding(slides, jnp.where(slides, rooted, adhering.S), wholly)
 
 
-def tension(s: Array, pull: Pull, of: Layer, along: Shear, S: Scalar) -> Array:
+def tension(s: Array, pull: ArcEnds, of: Layer, along: Shear, S: Scalar) -> Array:
     """P at s [...] of the arc."""
     return jnp.where(s < along.end, along.at(s, of.k_s)[0], _capstan(s, pull, of, S))
 
@@ -200,7 +192,7 @@ def _adhering_length(along: Shear, of: Layer, g: Scalar) -> Scalar:
     return (of.EA - g) / full * (end - once + twice)
 
 
-def _sliding_length(along: Shear, pull: Pull, of: Layer, S: Scalar) -> Scalar:
+def _sliding_length(along: Shear, pull: ArcEnds, of: Layer, S: Scalar) -> Scalar:
     """Unstretched length of the cords that slide."""
     start = _capstan(along.end, pull, of, S)
     change = jnp.log(pull.P_out / start)
@@ -209,7 +201,7 @@ def _sliding_length(along: Shear, pull: Pull, of: Layer, S: Scalar) -> Scalar:
     return way * of.R / of.mu * (of.EA - pull.g) / of.EA * (change - creep)
 
 
-def on_cushion(pull: Pull, of: Layer) -> Met:
+def on_cushion(pull: ArcEnds, of: Layer) -> Met:
     """The belt on a pulley with a cushion, by thin layers."""
     S, first, last = contact_length(pull, of)
     along, left, wholly = shear(pull, of, S)
@@ -222,7 +214,7 @@ def on_cushion(pull: Pull, of: Layer) -> Met:
     return Met(-first, last, S, unstretched, om, left, sliding, depth)
 
 
-def profile(pull: Pull, of: Layer, share: Array) -> tuple[Array, Array, Array, Array]:
+def profile(pull: ArcEnds, of: Layer, share: Array) -> tuple[Array, Array, Array, Array]:
     """Give x, angle chi, P and shear zeta at shares [...] of the contact length (U4)."""
     S, first, last = contact_length(pull, of)
     along, _, _ = shear(pull, of, S)
@@ -240,20 +232,13 @@ def profile(pull: Pull, of: Layer, share: Array) -> tuple[Array, Array, Array, A
     return x, last * end - first * start, P, zeta
 
 
-def on_rim(pull: Pull, of: Layer) -> Met:
-    """A string on the pulley itself: the belt adheres at first and slips before it leaves."""
-    high = jnp.maximum(pull.P_in, pull.P_out)
-    low = jnp.minimum(pull.P_in, pull.P_out)
-    slip = jnp.log(high / low) / of.mu
-    slipping = jnp.log(high / low * (of.EA + low) / (of.EA + high)) / (of.mu * of.EA)
-    adhering = (pull.turn - slip) / (of.EA + pull.P_in)
-    none = jnp.zeros_like(slip)
-    unstretched = of.R * (of.EA - pull.g) * (adhering + slipping)
-    om = strained(pull.P_in, of.EA, pull.g)
-    return Met(none, none, of.R * pull.turn, unstretched, om, none, slip, none)
+def met_rim(pull: ArcEnds, of: Layer) -> Met:
+    """A string on the pulley itself."""
+    rim, none = on_rim(pull, of.R, of.mu, of.EA), jnp.zeros_like(pull.turn)
+    return Met(none, none, of.R * pull.turn, rim.unstretched, rim.om, none, rim.slip, none)
 
 
-def lent(pull: Pull, of: Layer) -> Layer:
+def lent(pull: ArcEnds, of: Layer) -> Layer:
     """`of`, whose pulley without a cushion lends the formulas of one a harmless layer."""
     return of._replace(
         k_r=jnp.where(of.soft > 0, of.k_r, 1e3 * pull.P_in / of.R**2),
@@ -261,9 +246,9 @@ def lent(pull: Pull, of: Layer) -> Layer:
     )
 
 
-def met_thin(pull: Pull, of: Layer) -> Met:
+def met_thin(pull: ArcEnds, of: Layer) -> Met:
     """The belt on any pulley, by thin layers."""
-    soft, bare = on_cushion(pull, lent(pull, of)), on_rim(pull, of)
+    soft, bare = on_cushion(pull, lent(pull, of)), met_rim(pull, of)
     return jax.tree.map(lambda a, b: jnp.where(of.soft > 0, a, b), soft, bare)
 
 

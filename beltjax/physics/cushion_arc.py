@@ -10,8 +10,8 @@ ds = r dphi/cos chi, r = R - x, N = k_r x/(1 + T/EA) and f = k_s zeta/(1 + T/EA)
     x = 0, P = P_in, zeta = 0 at the entry;    x = 0, P = P_out at the exit
 
 over span = turn + chi_out - chi_in, with span and om as unknown parameters; u is the shear beyond
-what friction holds. docs/theory/cushion.md,
-(U1) and (U2).
+what friction holds. docs/theory/cushion.md, (U1) and
+(U2).
 """
 
 import jax
@@ -19,7 +19,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from beltjax.numerics.bvp.collocation import (
-    Interval,
     Problem,
     Unknowns,
     interpolate,
@@ -30,8 +29,8 @@ from beltjax.numerics.bvp.collocation import (
 from beltjax.numerics.bvp.gauss import gauss
 from beltjax.numerics.bvp.mesh import moved_mesh
 from beltjax.physics import cushion as thin
-from beltjax.physics.cushion import Layer, Met, Pull, Scalar, decay, strained
-from beltjax.physics.inclined_arcs import Arc, ArcEnds
+from beltjax.physics.cushion import Layer, Met, Scalar, decay, strained
+from beltjax.physics.inclined_arcs import Arc, ArcEnds, unit_interval
 
 STAGES = 3
 DEEP, SHEARED = 0.01, 0.001  # units of x/R and zeta/R, so that all unknowns are of order 0.1 to 1
@@ -40,11 +39,7 @@ CROWDED = 3.0  # nodes in the end layers, over those that an even mesh would hav
 
 def arc_problem(of: Layer, ends: ArcEnds) -> Problem:
     """The two-point problem of one arc, on [0, 1]."""
-    return Problem(_along, _conditions, _unit(), (of, ends), None)
-
-
-def _unit() -> Interval:
-    return Interval(jnp.zeros(()), jnp.ones(()))
+    return Problem(_along, _conditions, unit_interval(), (of, ends), None)
 
 
 def _shear_force(y: Array, of: Layer, long: Array) -> Array:
@@ -95,16 +90,15 @@ def _conditions(first: Array, last: Array, p: Array, args: tuple[Layer, ArcEnds]
 
 def first_arc(of: Layer, ends: ArcEnds, elements: int) -> Arc:
     """A start: thin layers."""
-    pull = Pull(ends.P_in, ends.P_out, ends.turn, ends.g)
-    met = thin.on_cushion(pull, of)
-    u = 1 / (decay((pull.P_in + pull.P_out) / 2, of) * met.length)
+    met = thin.on_cushion(ends, of)
+    u = 1 / (decay((ends.P_in + ends.P_out) / 2, of) * met.length)
     t = jnp.linspace(-1.0, 1.0, elements + 1)
     bend = jnp.log(jnp.maximum(CROWDED / u, 3.0)) / 2
     mesh = (1 + jnp.tanh(bend * t) / jnp.tanh(bend)) / 2
     span = ends.turn + met.chi_out - met.chi_in
 
     def shape(share: Scalar) -> Array:
-        x, chi, P, zeta = thin.profile(pull, of, share)
+        x, chi, P, zeta = thin.profile(ends, of, share)
         return jnp.stack([x / (of.R * DEEP), chi, P, zeta / (of.R * SHEARED)])
 
     fractions = mesh[:-1] + gauss(STAGES).points[:, None] * jnp.diff(mesh)
@@ -115,14 +109,14 @@ def first_arc(of: Layer, ends: ArcEnds, elements: int) -> Arc:
 
 def moved_arc(arc: Arc) -> Arc:
     """The same arc on a mesh that follows its layers."""
-    mesh = moved_mesh(_unit(), arc.mesh, arc.z)
-    return Arc(mesh, remesh(_unit(), arc.mesh, arc.z, mesh, gauss(STAGES)))
+    mesh = moved_mesh(unit_interval(), arc.mesh, arc.z)
+    return Arc(mesh, remesh(unit_interval(), arc.mesh, arc.z, mesh, gauss(STAGES)))
 
 
 def met_of(z: Unknowns, mesh: Array, of: Layer) -> Met:
     """How the belt lies on the pulley."""
-    y = jnp.moveaxis(stage_values(_unit(), mesh, z), 1, 0)  # [4, stages, elements]
-    weights = gauss(STAGES).weights[:, None] * interval_lengths(_unit(), mesh)
+    y = jnp.moveaxis(stage_values(unit_interval(), mesh, z), 1, 0)  # [4, stages, elements]
+    weights = gauss(STAGES).weights[:, None] * interval_lengths(unit_interval(), mesh)
     length = weights * z.p[0] * of.R * (1 - DEEP * y[0]) / jnp.cos(y[1])
     long = strained(y[2], of.EA, z.p[2])
     held = of.mu * of.k_r / of.k_s * DEEP * jnp.maximum(y[0], 0.0)
@@ -141,8 +135,8 @@ def met_of(z: Unknowns, mesh: Array, of: Layer) -> Met:
 
 def lacking_moment(z: Unknowns, mesh: Array, of: Layer) -> Scalar:
     """The moment of the layer's forces less that of the tensions at the ends, over R P."""
-    y = jnp.moveaxis(stage_values(_unit(), mesh, z), 1, 0)
-    weights = gauss(STAGES).weights[:, None] * interval_lengths(_unit(), mesh)
+    y = jnp.moveaxis(stage_values(unit_interval(), mesh, z), 1, 0)
+    weights = gauss(STAGES).weights[:, None] * interval_lengths(unit_interval(), mesh)
     r = 1 - DEEP * y[0]
     force = _shear_force(y, of, strained(y[2], of.EA, z.p[2]))
     sheared = jnp.sum(weights * z.p[0] * of.R * r**2 / jnp.cos(y[1]) * force)
@@ -152,5 +146,5 @@ def lacking_moment(z: Unknowns, mesh: Array, of: Layer) -> Scalar:
 
 def profile(arc: Arc, of: Layer, share: Float[Array, " m"]) -> tuple[Array, Array]:
     """Give x and shear zeta at shares of the angle of contact."""
-    y, _ = interpolate(_unit(), arc.mesh, arc.z, share)
+    y, _ = interpolate(unit_interval(), arc.mesh, arc.z, share)
     return DEEP * of.R * y[0], SHEARED * of.R * y[3]

@@ -20,7 +20,7 @@ from beltjax.numerics.derivative_rules import frozen_unless
 from beltjax.numerics.rigid_bodies import Coordinates
 from beltjax.numerics.roots import followed_root, implicit_solution
 from beltjax.physics import cushion
-from beltjax.physics.cushion import Layer, Met, Pull, met_thin, on_rim, strained
+from beltjax.physics.cushion import Layer, Met, met_rim, met_thin, strained
 from beltjax.physics.cushion_arc import arc_problem, first_arc, lacking_moment, met_of, moved_arc
 from beltjax.physics.inclined_arcs import Arc, ArcEnds, arc_step, joint_step, solved_arc
 from beltjax.physics.inclined_spans import (
@@ -105,10 +105,10 @@ def _split(x: Array, model: CushionModel) -> tuple[Spans, Pulleys, Coordinates, 
     return jnp.exp(x[:n]), x[n : 2 * n], x[2 * n : -1], x[-1]
 
 
-def pulls_of(x: Array, model: CushionModel) -> Pull:
-    """What unknowns (log P, turns, coordinates, g) do to the belt on each pulley."""
+def ends_of(x: Array, model: CushionModel) -> ArcEnds:
+    """What unknowns (log P, turns, coordinates, g) prescribe to the belt on each pulley."""
     P, turn, _, g = _split(x, model)
-    return Pull(model.frame.loops.preceding(P), P, turn, jnp.broadcast_to(g, P.shape))
+    return ArcEnds(model.frame.loops.preceding(P), P, turn, jnp.broadcast_to(g, P.shape))
 
 
 def equations(
@@ -159,7 +159,7 @@ def start(model: CushionModel, tension: Scalar) -> Array:
     none, P = jnp.zeros(n), jnp.full(n, tension)
     turn = inclined_spans(none, none, q, model.frame).turns
     for _ in range(2):  # the angles hardly depend on the turns
-        met = jax.vmap(met_thin)(Pull(P, P, turn, none), model.layers)
+        met = jax.vmap(met_thin)(ArcEnds(P, P, turn, none), model.layers)
         turn = inclined_spans(met.chi_in, met.chi_out, q, model.frame).turns
     return jnp.concatenate([jnp.log(P), turn, q, jnp.zeros(1)])
 
@@ -174,7 +174,7 @@ def solve_thin(model: CushionModel, given: Given, guess: Array) -> Found:
 
     def function(x: Array, args: tuple[CushionModel, Given, Scalar]) -> tuple[Array, Running]:
         model, given, share = args
-        met = jax.vmap(met_thin)(pulls_of(x, model), model.layers)
+        met = jax.vmap(met_thin)(ends_of(x, model), model.layers)
         return equations(x, met, model, given, share)
 
     found, _ = followed_root(residual, guess, guess, jnp.full(len(guess), _LARGEST))
@@ -188,10 +188,14 @@ def solve_thin(model: CushionModel, given: Given, guess: Array) -> Found:
     return Found(running, None, root, error, _gross(running), good, left, found.steps)
 
 
-def _gross(running: Running) -> Bool[Array, " n"]:
+def wraps(running: Running) -> Pulleys:
+    """Angles over which the cords touch."""
     met = running.met
-    wrap = running.spans.turns + met.chi_out - met.chi_in
-    return met.sliding > _ALL * wrap
+    return running.spans.turns + met.chi_out - met.chi_in
+
+
+def _gross(running: Running) -> Bool[Array, " n"]:
+    return running.met.sliding > _ALL * wraps(running)
 
 
 class _Search(NamedTuple):
@@ -204,21 +208,21 @@ class _Search(NamedTuple):
 
 def _ends(x: Array, model: CushionModel, nominal: ArcEnds) -> ArcEnds:
     """What each arc is given; that of a pulley without a cushion is held, and not used."""
-    ends, soft = ArcEnds(*pulls_of(x, model)), model.layers.soft > 0
+    ends, soft = ends_of(x, model), model.layers.soft > 0
     return jax.tree.map(lambda a, b: jnp.where(soft, a, b), ends, nominal)
 
 
 def _met(x: Array, z: Unknowns, mesh: Array, layers: Layer, model: CushionModel) -> Met:
     """How the belt lies on each pulley, the arcs of those with a cushion given."""
     soft = jax.vmap(met_of)(z, mesh, layers)
-    bare = jax.vmap(on_rim)(pulls_of(x, model), model.layers)
+    bare = jax.vmap(met_rim)(ends_of(x, model), model.layers)
     return jax.tree.map(lambda a, b: jnp.where(model.layers.soft > 0, a, b), soft, bare)
 
 
 def _exact(x: Array, args: Any) -> tuple[Array, tuple[Running, Unknowns, Layer]]:
     """Residuals of the drive whose arcs follow x on their meshes."""
     model, given, (arcs, nominal, root) = args
-    layers = jax.vmap(cushion.lent)(pulls_of(root, model), model.layers)
+    layers = jax.vmap(cushion.lent)(ends_of(root, model), model.layers)
     z = jax.vmap(lambda one, ends, arc: solved_arc(arc_problem, (one, ends), arc))(
         layers, _ends(x, model, nominal), arcs
     )
@@ -230,21 +234,21 @@ def _exact(x: Array, args: Any) -> tuple[Array, tuple[Running, Unknowns, Layer]]
 def solve_exact(model: CushionModel, given: Given, guess: Array, elements: int) -> Found:
     """The drive with the exact geometry of its arcs, near the one of thin layers."""
     of, held_given, x = jax.lax.stop_gradient((model, given, guess))
-    layers = jax.vmap(cushion.lent)(pulls_of(x, of), of.layers)
-    nominal = ArcEnds(*pulls_of(x, of))
+    layers = jax.vmap(cushion.lent)(ends_of(x, of), of.layers)
+    nominal = ends_of(x, of)
 
     def step(state: _Search, layers: Layer) -> _Search:
         def residual(x: Array, z: Unknowns) -> Array:
             here = _met(x, z, state.arcs.mesh, layers, of)
             return equations(x, here, of, held_given, jnp.ones(()))[0]
 
-        def ends_of(x: Array) -> ArcEnds:
+        def ends(x: Array) -> ArcEnds:
             return _ends(x, of, nominal)
 
         steps = jax.vmap(lambda one, ends, arc: arc_step(arc_problem(one, ends), arc))(
-            layers, ends_of(state.x), state.arcs
+            layers, ends(state.x), state.arcs
         )
-        move = joint_step(state.x, state.arcs, steps, ends_of, residual)
+        move = joint_step(state.x, state.arcs, steps, ends, residual)
         turned = jnp.max(jnp.abs(move.z.y[:, 1])) / _LARGEST
         pulled = jnp.max(jnp.abs(move.z.y[:, 2] / state.arcs.z.y[:, 2])) / _LARGEST
         rows = jnp.max(jnp.abs(state.arcs.z.y), axis=2)  # [n, 4]

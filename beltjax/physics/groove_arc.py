@@ -11,7 +11,6 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from beltjax.numerics.bvp.collocation import (
-    Interval,
     Mesh,
     Problem,
     Unknowns,
@@ -25,7 +24,7 @@ from beltjax.numerics.bvp.condensed import step_and_responses
 from beltjax.numerics.bvp.gauss import gauss
 from beltjax.numerics.bvp.mesh import equidistribute
 from beltjax.physics.groove import Flanks, Sliding, sliding, slopes
-from beltjax.physics.inclined_arcs import PRESCRIBED, Arc, ArcEnds, ArcStep
+from beltjax.physics.inclined_arcs import PRESCRIBED, Arc, ArcEnds, ArcStep, unit_interval
 
 Scalar = Float[Array, ""]
 STAGES = 3
@@ -53,7 +52,7 @@ class Integrals(NamedTuple):
 
 def arc_problem(of: Flanks, ends: ArcEnds) -> Problem:
     """The two-point problem of one arc."""
-    unit = Interval(jnp.zeros(()), jnp.ones(()))
+    unit = unit_interval()
     return Problem(_along, _conditions, unit, (of, ends), None)
 
 
@@ -121,7 +120,7 @@ def moved_arc(arc: Arc, of: Flanks) -> Arc:
     widths = jnp.diff(arc.mesh)
     density = parts / widths + FLOOR * jnp.sum(parts)
     mesh = equidistribute(arc.mesh, density)
-    unit = Interval(jnp.zeros(()), jnp.ones(()))
+    unit = unit_interval()
     return Arc(mesh, remesh(unit, arc.mesh, arc.z, mesh, gauss(STAGES)))
 
 
@@ -146,7 +145,7 @@ def passed(z: Unknowns, mesh: Mesh, of: Flanks) -> Passed:
 
 def integrals(z: Unknowns, mesh: Mesh, of: Flanks) -> Integrals:
     """Integrals along the arc, by the weights of the collocation."""
-    unit, scheme = Interval(jnp.zeros(()), jnp.ones(())), gauss(STAGES)
+    unit, scheme = unit_interval(), gauss(STAGES)
     y = jnp.moveaxis(stage_values(unit, mesh, z), 1, 0)  # [3, stages, elements]
     at = states(y, z.p, of)
     radius = of.R * (1 - DEEP * y[0])

@@ -33,7 +33,7 @@ from beltjax.physics.groove_arc import (
     seating_stiffness,
     states,
 )
-from beltjax.physics.inclined_arcs import Arc, ArcEnds, joint_step, solved_arc
+from beltjax.physics.inclined_arcs import Arc, ArcEnds, joint_step, on_rim, solved_arc
 from beltjax.physics.inclined_spans import (
     Frame,
     InclinedSpans,
@@ -168,19 +168,12 @@ def ends_of(unknown: GrooveUnknown, model: GrooveModel) -> ArcEnds:
 
 
 def flat_arc(unknown: GrooveUnknown, model: GrooveModel) -> Passed:
-    """What flat pulleys pass on: the belt adheres where it comes in, and slips at the end.
-
-    The sign of the change of tension stands in place of absolute values, so that derivatives
-    exist without torque.
-    """
-    low, high, g, EA = model.frame.loops.preceding(unknown.P), unknown.P, unknown.g, model.EA
-    first = (EA + low) / (EA - g)
-    none = jnp.zeros_like(low)
-    side = jnp.where(high > low, 1.0, jnp.where(high < low, -1.0, 0.0)) / model.mu
-    ratio, creep = jnp.log(high / low), jnp.log((EA + high) / (EA + low))
-    slipping = side * ((EA - g) / EA * (ratio - creep) - ratio / first)
-    radius = jnp.abs(model.frame.rho)
-    return Passed(none, none, first, radius * (unknown.turn / first + slipping))
+    """What flat pulleys pass on."""
+    P = unknown.P
+    ends = ArcEnds(model.frame.loops.preceding(P), P, unknown.turn, unknown.g)
+    rim = on_rim(ends, jnp.abs(model.frame.rho), model.mu, model.EA)
+    none = jnp.zeros_like(P)
+    return Passed(none, none, rim.om, rim.unstretched)
 
 
 def loop_of(unknown: GrooveUnknown, at: Passed, model: GrooveModel) -> GrooveLoop:

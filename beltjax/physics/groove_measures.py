@@ -9,12 +9,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from beltjax.numerics.bvp.collocation import Interval, interpolate, stage_values
+from beltjax.numerics.bvp.collocation import interpolate, stage_values
 from beltjax.numerics.bvp.gauss import gauss
 from beltjax.physics.groove import Flanks
 from beltjax.physics.groove_arc import DEEP, STAGES, integrals, states
 from beltjax.physics.groove_drive import GrooveLoop, GrooveModel, GrooveUnknown, slow
-from beltjax.physics.inclined_arcs import Arc
+from beltjax.physics.inclined_arcs import Arc, unit_interval
 
 Scalar = Float[Array, ""]
 Pulleys = Float[Array, " n"]
@@ -138,7 +138,7 @@ def arc_zones(arc: Arc, of: Flanks) -> Float[Array, "4"]:
 def deepest(arc: Arc) -> Scalar:
     """The greatest penetration over R, where it does not rise any more."""
     places, y = dense(arc)
-    unit, k = Interval(jnp.zeros(()), jnp.ones(())), jnp.argmax(y[0])
+    unit, k = unit_interval(), jnp.argmax(y[0])
 
     def rise(place: Scalar) -> tuple[Scalar, Scalar]:
         found, slope = interpolate(unit, arc.mesh, arc.z, place[None])
@@ -159,14 +159,14 @@ def deepest(arc: Arc) -> Scalar:
 
 def _unsettled(place: Scalar, arc: Arc, of: Flanks) -> Scalar:
     """How far the radial force is off, less the limit, at a place on [0, 1]."""
-    y, _ = interpolate(Interval(jnp.zeros(()), jnp.ones(())), arc.mesh, arc.z, place[None])
+    y, _ = interpolate(unit_interval(), arc.mesh, arc.z, place[None])
     at = states(y[:, 0], arc.z.p, of)
     return jnp.abs(at.N * of.R * (1 - DEEP * y[0, 0]) / y[2, 0] - 1) - RESTS
 
 
 def dense(arc: Arc) -> tuple[Float[Array, " points"], Float[Array, "3 points"]]:
     """Places on [0, 1], and the unknowns there: at the nodes and at the collocation points."""
-    unit, points = Interval(jnp.zeros(()), jnp.ones(())), gauss(STAGES).points
+    unit, points = unit_interval(), gauss(STAGES).points
     inside = arc.mesh[:-1] + points[:, None] * jnp.diff(arc.mesh)
     places = jnp.concatenate([arc.mesh[None, :-1], inside]).T.ravel()
     between = jnp.moveaxis(stage_values(unit, arc.mesh, arc.z), 0, -1)  # [3, elements, stages]

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from beltjax.numerics.bvp.collocation import (
+    Interval,
     Mesh,
     Problem,
     Residual,
@@ -42,6 +43,14 @@ class ArcEnds(NamedTuple):
     g: Scalar
 
 
+class OnRim(NamedTuple):
+    """A string on a smooth pulley, which it meets without an angle."""
+
+    om: Scalar  # speed of the pulley's circle over V_ref
+    unstretched: Scalar  # length of the belt in contact
+    slip: Scalar  # angle over which the belt slips
+
+
 class Arc(NamedTuple):
     """The belt along one pulley, on its mesh."""
 
@@ -63,6 +72,25 @@ class Move(NamedTuple):
     x: Float[Array, " unknowns"]
     z: Unknowns  # each leaf [n]
     residual: Scalar  # of the drive's equations
+
+
+def unit_interval() -> Interval:
+    """[0, 1], on which every arc lies."""
+    return Interval(jnp.zeros(()), jnp.ones(()))
+
+
+def on_rim(ends: ArcEnds, R: Array, mu: Array, EA: Array) -> OnRim:
+    """The belt adheres where it comes in, and slips at the end.
+
+    The sign of the change of tension stands in place of absolute values, so that derivatives
+    exist without torque.
+    """
+    low, high, turn, g = ends
+    first = (EA + low) / (EA - g)
+    side = jnp.where(high > low, 1.0, jnp.where(high < low, -1.0, 0.0)) / mu
+    ratio, creep = jnp.log(high / low), jnp.log((EA + high) / (EA + low))
+    slipping = side * ((EA - g) / EA * (ratio - creep) - ratio / first)
+    return OnRim(first, R * (turn / first + slipping), side * ratio)
 
 
 def arc_step(problem: Problem, arc: Arc) -> ArcStep:

@@ -2,18 +2,11 @@
 
 import dataclasses
 
-import numpy as np
 import pytest
 from drives import example
+from quantities import measured
 
 import beltjax as bj
-
-
-def measured(drive, point, name):
-    analyses = bj.optimize.DriveAnalyses(drive, point, bj.steady_state(drive, point))
-    found = bj.optimize.find_quantity(name, drive, point).measure(analyses)
-    assert bool(analyses.all_found())
-    return np.asarray(found)
 
 
 def test_values_are_those_of_the_state():

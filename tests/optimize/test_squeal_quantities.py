@@ -3,9 +3,9 @@
 import dataclasses
 
 import jax.numpy as jnp
-import numpy as np
 import pytest
 from drives import example
+from quantities import measured
 from squealing import with_laws
 
 import beltjax as bj
@@ -18,14 +18,6 @@ def quiet_drive():
     last = dataclasses.replace(drive.pulleys[2], offset=0.002)
     drive = dataclasses.replace(drive, belts=(belt,), pulleys=(*drive.pulleys[:2], last))
     return drive, dataclasses.replace(point, excitation=bj.ExcitationGiven(crank=0.004))
-
-
-def measured(drive, point, name):
-    steady = bj.steady_state(drive, point)
-    analyses = bj.optimize.DriveAnalyses(drive, point, steady)
-    found = bj.optimize.find_quantity(name, drive, point).measure(analyses)
-    assert bool(analyses.all_found())
-    return np.asarray(found)
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ import scipy.optimize
 import beltjax as bj
 from beltjax.numerics.gyroscopic import hermitian_modes
 from beltjax.physics import cushion, cushion_arc, cushion_vibration
-from beltjax.physics.cushion import Layer, Pull
+from beltjax.physics.cushion import Layer
 from beltjax.physics.cushion_vibration import Mesh, Vibrating
 from beltjax.physics.inclined_arcs import ArcEnds, arc_step
 
@@ -31,7 +31,7 @@ def layer(R, k_r, k_s, EA, mu=None):
 
 
 def pull(P_in, P_out, turn):
-    return Pull(*(jnp.asarray(x, float) for x in (P_in, P_out, turn, 0.0)))
+    return ArcEnds(*(jnp.asarray(x, float) for x in (P_in, P_out, turn, 0.0)))
 
 
 @pytest.mark.parametrize("case", CASES["steady"])
@@ -60,7 +60,7 @@ def test_shear_and_sliding_of_a_hard_layer(case):
 def solved(case, elements=48):
     """One arc with its ends held, by Newton's method on two meshes."""
     of = layer(case["R"], case["k_r"], case["k_s"], case["EA"])
-    ends = ArcEnds(*pull(case["P_in"], case["P_out"], case["turn"]))
+    ends = pull(case["P_in"], case["P_out"], case["turn"])
 
     @jax.jit
     def found(of, ends):

@@ -28,7 +28,7 @@ from beltjax.commands.reports.documents import (
 )
 from beltjax.commands.reports.report import Report
 from beltjax.commands.reports.states import STOPS
-from beltjax.commands.reports.tables import plain_table
+from beltjax.commands.reports.tables import plain_table, quantity_table
 from beltjax.commands.reports.units import TableUnits
 from beltjax.commands.reports.warnings import file_warnings, load_warnings, warning_lines
 from beltjax.compiling.kept_programs import run_kept
@@ -376,7 +376,6 @@ def _belt_table(document: dict[str, Any], units: TableUnits) -> Table:
 
 
 def _summary(document: dict[str, Any], units: TableUnits) -> Table:
-    table = plain_table("", "quantity", "value", "unit")
     rows = [
         ("efficiency", document["efficiency"], 6, ""),
         ("driver's moment", document["driver_moment"], 4, "N m"),
@@ -388,10 +387,7 @@ def _summary(document: dict[str, Any], units: TableUnits) -> Table:
             ("tension of that belt as a string", document["string_tension"], 2, "N"),
             ("mass flow", document["mass_flow"], 4, "kg/s"),
         ]
-    for label, value, digits, unit in rows:
-        kind = BELT_LENGTH if unit == "m" else ""
-        table.add_row(label, units.text(value, unit, digits, kind), units.name(unit, kind))
-    return table
+    return quantity_table(rows, units)
 
 
 def diagnose_contact(drive: Drive, point: OperatingPoint, state: ContactState) -> Diagnosis | None:

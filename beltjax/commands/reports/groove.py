@@ -23,13 +23,12 @@ from beltjax.commands.reports.diagnosis import Diagnosis, advice, speed_key, tak
 from beltjax.commands.reports.documents import model_flags, plain
 from beltjax.commands.reports.report import Report
 from beltjax.commands.reports.states import STOPS
-from beltjax.commands.reports.tables import plain_table
+from beltjax.commands.reports.tables import plain_table, quantity_table
 from beltjax.commands.reports.units import TableUnits
 from beltjax.commands.reports.warnings import file_warnings, load_warnings, warning_lines
 from beltjax.compiling.quick import thoroughly_compiled
 from beltjax.drive.bodies import single_arm
 from beltjax.drive.canonical import canonical
-from beltjax.drive.installation import BELT_LENGTH
 from beltjax.drive.layout import layout
 from beltjax.drive.operation import OperatingPoint
 from beltjax.drive.shafts import transmission
@@ -283,7 +282,6 @@ def _span_table(document: dict[str, Any], units: TableUnits) -> Table:
 
 
 def _summary(document: dict[str, Any], units: TableUnits) -> Table:
-    table = plain_table("", "quantity", "value", "unit")
     rows = [
         ("efficiency", document["efficiency"], 6, ""),
         ("driver's moment", document["driver_moment"], 4, "N m"),
@@ -293,9 +291,7 @@ def _summary(document: dict[str, Any], units: TableUnits) -> Table:
         ("lost by sliding", document["power"]["friction_loss"], 2, "W"),
         ("belt length, unstretched", document["unstretched_length"], 3, "m"),
     ]
-    for label, value, digits, unit in rows:
-        kind = BELT_LENGTH if unit == "m" else ""
-        table.add_row(label, units.text(value, unit, digits, kind), units.name(unit, kind))
+    table = quantity_table(rows, units)
     if document["limit"]:
         table.add_row("limit", document["limit"], "")
     return table

@@ -10,6 +10,9 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from beltjax.commands.reports.units import TableUnits
+from beltjax.drive.installation import BELT_LENGTH
+
 _NUMBER = re.compile(r"[-+]?[0-9]+(?:\.[0-9]+)?(?:e[-+][0-9]+)?")
 
 
@@ -18,6 +21,15 @@ def plain_table(title: str, *columns: str) -> Table:
     table = Table(title=title, title_justify="left", title_style="bold", box=None, padding=(0, 2))
     for i, column in enumerate(columns):
         table.add_column(column, justify="left" if i == 0 else "right", no_wrap=True)
+    return table
+
+
+def quantity_table(rows: Iterable[tuple[str, Any, int, str]], units: TableUnits) -> Table:
+    """Quantities of a whole drive: label, value in SI, digits and SI unit of each."""
+    table = plain_table("", "quantity", "value", "unit")
+    for label, value, digits, unit in rows:
+        kind = BELT_LENGTH if unit == "m" else ""
+        table.add_row(label, units.text(value, unit, digits, kind), units.name(unit, kind))
     return table
 
 
